@@ -48,7 +48,7 @@ AS_GOOD = 3.0
 """2 log B up to which a named model is as good as the law: positive evidence begins at 2, strong at 6 (Kass and Raftery
 1995)."""
 
-_MAX_FITTED = 3
+_MAX_FITTED = 4
 """So many named models are fitted, the nearest by the linearized likelihood."""
 
 _THIRDS = ("at the start", "in the middle", "at the end")
@@ -225,7 +225,7 @@ def nearest_textbook_law(
     whole = matched(law, trials)
     training = whole if learned is None or learned is trials else matched(law, learned)
     with unannounced():
-        nearest = _nearest(law, training, np.inf)
+        nearest = _nearest(law, training)
         if nearest is None:
             raise CommonlawError("named-model-none", equations=left_hand_sides(law.schema.states, law.order))
         errors, verdict = law.uncertainty.error_model, verdict or assess(law, whole, training)
@@ -258,14 +258,14 @@ def outcomes_of_textbook(law: Law, trials: Trials) -> tuple[Outcome, ...]:
         return ()
     try:
         with unannounced():
-            nearest = _nearest(law, trials, AS_GOOD + settings.STRONG)
+            nearest = _nearest(law, trials, AS_GOOD)
     except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):  # Laws are reported without this note, too
         return ()
-    if nearest is None or nearest.is_law or nearest.evidence > AS_GOOD:
+    if nearest is None or nearest.is_law:
         return ()
     title, equations = _title(nearest.models), nearest.models[0].without_bounds
     probable = "more probable" if nearest.evidence < -AS_GOOD else "about as probable"
-    evidence = f"2 log B = {_rounded(-nearest.evidence)} for it"
+    evidence = f"2 log B = {_rounded(abs(nearest.evidence))} {'against' if nearest.evidence > 0 else 'for'} it"
     return (note("textbook-law-as-good", title=title, equations=equations, probable=probable, evidence=evidence),)
 
 
@@ -339,8 +339,9 @@ def _candidates(law: Law) -> dict[_Places, list[_Candidate]]:
     schema, result = law.schema, dict[_Places, list[_Candidate]]()
     inputs = [name for name in schema.inputs if name not in schema.doses]
     taken = (*law.terms.variables.names, *property_names(law.properties))
-    for model in _linear_models():
-        if len(model.states) != len(schema.states):
+    for model in named_models.values():
+        is_of_order = (law.order == 2) == ("''" in model.equations)
+        if not (is_of_order and len(model.states) == len(schema.states) and _is_linear(model.name)):
             continue
         free = {name: free_name(name, taken) for name in model.parameters}
         free = {name: new for name, new in free.items() if new != name}
@@ -348,8 +349,7 @@ def _candidates(law: Law) -> dict[_Places, list[_Candidate]]:
             names = dict(zip((*model.states, *model.inputs), chain(*columns), strict=True))
             over = model.over(names | free)
             candidate = _Candidate(over, read_equations(over.equations, schema), _are_names(names))
-            if candidate.given.order == law.order:
-                result.setdefault(candidate.places, []).append(candidate)
+            result.setdefault(candidate.places, []).append(candidate)
     return result
 
 
@@ -361,16 +361,13 @@ def _same(law: Law, candidates: Mapping[_Places, Sequence[_Candidate]]) -> list[
 
 
 @cache
-def _linear_models() -> tuple[NamedModel, ...]:
-    """Return the named models that are linear in free coefficients, whose states all have columns."""
-    result = list[NamedModel]()
-    for model in named_models.values():
-        if model.properties or model.latent or model.doses or re.search(r"\(t - ", model.equations):
-            continue
-        given = read_equations(model.equations, Schema(model.states, model.inputs))
-        if not given.terms.parameters and not np.nan_to_num(given.known).any():
-            result.append(model)
-    return tuple(result)
+def _is_linear(name: str) -> bool:
+    """Return whether a named model is linear in free coefficients, and all of its states have columns."""
+    model = named_models[name]
+    if model.properties or model.latent or model.doses or re.search(r"\(t - ", model.equations):
+        return False
+    given = read_equations(model.equations, Schema(model.states, model.inputs))
+    return not given.terms.parameters and not np.nan_to_num(given.known).any()
 
 
 def _are_names(names: Mapping[str, str]) -> bool:
@@ -405,10 +402,12 @@ class _Ranked(NamedTuple):
     law: Law
 
 
-def _nearest(law: Law, trials: Trials, most: float) -> _Nearest | None:
-    """Return the nearest named model; None if there is none up to so much linearized evidence against it.
+def _nearest(law: Law, trials: Trials, most: float = np.inf) -> _Nearest | None:
+    """Return the nearest named model; None if there is none, or 2 log B against it is above `most`.
 
-    One whose variables have the names of the columns comes before others. All have the error model of the law.
+    One whose variables have the names of the columns comes before others. All have the error model of the law. With a
+    finite `most`, models are not fitted if by the linearized likelihood n residuals have e times the variance of those
+    of the law, ``2 log B = n``.
     """
     candidates = {
         places: known
@@ -423,16 +422,20 @@ def _nearest(law: Law, trials: Trials, most: float) -> _Nearest | None:
     chosen = _fitted(law, trials, kind)
     ranked = sorted(_linearized(chosen, law.schema, candidates.values()), key=lambda named: named.above)
     ranked = [named for named in ranked if any(known.has_names for known in named.alike)] or ranked
-    near = [named for named in ranked if named.above < min(most, ranked[0].above + settings.VERY_STRONG)]
-    fits, _ = attempt_each(lambda named: (_fitted(named.law, trials, kind), named.alike), near[:_MAX_FITTED])
-    close = [pair for pair in fits if _score(pair[0]) - _score(chosen) < most]
+    measured = sum(chosen.problem.measured) if np.isfinite(most) else np.inf
+    near = [named for named in ranked[:_MAX_FITTED] if named.above < measured]
+    fits, _ = attempt_each(lambda named: (_fitted(named.law, trials, kind), named.alike), near)
+    # Converged fits differ from these by less than strong evidence as a rule
+    least = min((_score(fitted) for fitted, _ in fits), default=0.0)
+    close = [pair for pair in fits if _score(pair[0]) < min(least, _score(chosen) + most) + settings.STRONG]
     best, of_law = list[_Nearest](), score_of_fit(converged(chosen)[0]) if close else None
     for fitted, alike in close:
         done = converged(fitted)[0]
         coefficients = np.array([estimate.coefficients for estimate in done.estimates])
         if of_law is not None and (models := _of_signs(alike, coefficients, done.problem.terms)):
             best.append(_Nearest([candidate.model for candidate in models], score_of_fit(done) - of_law))
-    return min(best, key=lambda nearest: nearest.evidence, default=None)
+    nearest = min(best, key=lambda nearest: nearest.evidence, default=None)
+    return nearest if nearest is not None and nearest.evidence <= most else None
 
 
 def _fitted(law: Law, trials: Trials, kind: ErrorKind) -> Fit:
