@@ -81,6 +81,25 @@ def renamed(trials, names):
     return cl.Trials.from_frame(frame, object="object", trial="trial", time="t", states=[*names])
 
 
+def test_an_epidemic_whose_rates_agree_is_sir():
+    times = np.linspace(0, 25, 40)
+
+    def rates(_, state):
+        new = 1.0 * state[0] * state[1]
+        return [-new, new - 0.3 * state[1]]
+
+    solved = solve_ivp(rates, (0, 25), [0.99, 0.01], t_eval=times, rtol=1e-9).y.T
+    noisy = solved + 0.002 * np.random.default_rng(0).standard_normal(solved.shape)
+    trials = cl.Trials.from_arrays(times, noisy, names=["healthy", "ill"])
+    law = cl.fit("healthy' = -a healthy ill; ill' = b healthy ill - c ill", trials)
+    nearest = law.textbook(trials)
+    assert [model.name for model in nearest.models] == ["sir"]
+    assert nearest.models[0].without_bounds[0] == "healthy' = -b healthy ill"
+    assert -10 < nearest.evidence < 0  # One parameter less
+    assert not nearest.is_chosen
+    assert outcomes_of_textbook(law, trials) == ()  # Of the same terms
+
+
 def test_a_law_of_textbooks_with_fewer_terms_is_marked_as_good():
     times = np.linspace(0, 12, 40)
     states = 2 / (1 + 19 * np.exp(-0.8 * times)) + 0.02 * np.random.default_rng(0).standard_normal(40)

@@ -16,6 +16,7 @@ from commonlaw.discovery.orders import attempt_each
 from commonlaw.discrepancy.residual_tests import Residuals
 from commonlaw.discrepancy.residuals import untested
 from commonlaw.errors import CommonlawError
+from commonlaw.formulation import law_variables
 from commonlaw.inference import settings
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.final_score import score_of_fit
@@ -28,10 +29,13 @@ from commonlaw.law import Law
 from commonlaw.law.alignment import matched
 from commonlaw.law.law import shares_terms
 from commonlaw.law.models import NamedModel, named_models
-from commonlaw.law.parse import GivenEquations, read_equations
+from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parse import read_equations
+from commonlaw.law.quantities import Entry, entries_of
 from commonlaw.law.text import left_hand_sides
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.library import Term, Terms
+from commonlaw.library.bounds import Bound
 from commonlaw.library.parametric import free_name
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.runtime.fit_options import ErrorKind
@@ -211,7 +215,7 @@ def _unexplained(residuals: Residuals, j: int, schema: Schema) -> Unexplained:
 class _Nearest(NamedTuple):
     """Named models with the same terms, 2 log B of the law against them, and whether the law is this model."""
 
-    models: Sequence[NamedModel]
+    models: tuple[NamedModel, ...]
     evidence: float
     is_law: bool = False
 
@@ -231,19 +235,12 @@ def nearest_textbook_law(
         errors, verdict = law.uncertainty.error_model, verdict or assess(law, whole, training)
         named, of_named = law, verdict
         if not nearest.is_law:
-            named = fit(
-                nearest.models[0].without_bounds,
-                training,
-                errors=errors.kind,
-                log_states=law.schema.logarithmic,
-                input_interpolation=law.schema.input_interpolation,
-                progress=silent,
-            )
+            named = _fit(nearest.models[0], training, law, errors.kind)
             of_named = assess(named, whole, training)
         under = replace(named, uncertainty=replace(named.uncertainty, error_model=errors))
         residuals = [untested(one, training, law.uncertainty.noise)[0] for one in (under, law)]
     return TextbookLaw(
-        models=tuple(nearest.models),
+        models=nearest.models,
         chosen=law,
         law=named,
         evidence=nearest.evidence,
@@ -253,8 +250,8 @@ def nearest_textbook_law(
 
 
 def outcomes_of_textbook(law: Law, trials: Trials) -> tuple[Outcome, ...]:
-    """Return a note if a named model that the law is not is as good, see `TextbookLaw.as_good`."""
-    if not _is_comparable(law) or _same(law, _candidates(law)):
+    """Return a note if a named model of other terms or signs is as good, see `TextbookLaw.as_good`."""
+    if not _is_comparable(law) or _of_terms(law, _candidates(law)):
         return ()
     try:
         with unannounced():
@@ -297,29 +294,34 @@ _Places = frozenset[tuple[int, Term]]
 
 
 class _Candidate(NamedTuple):
-    """A named model over the columns of trials, its equations, and whether the columns have the names of its variables.
+    """A named model over the columns of trials, its terms with what stands before them, and bounds of its parameters.
 
-    Names such as T or theta say what a column is; x, y and z do not.
+    It `has_names` if the columns have the names of its variables; x, y and z do not say what a column is.
     """
 
     model: NamedModel
-    given: GivenEquations
+    entries: tuple[Entry, ...]
+    bounds: tuple[Bound, ...]
     has_names: bool
 
     @property
     def places(self) -> _Places:
         """The terms of its equations."""
-        chosen = np.argwhere(np.isnan(self.given.known)).tolist()
-        return frozenset((j, self.given.terms.terms[k]) for j, k in chosen)
+        return frozenset((entry.equation, entry.term) for entry in self.entries)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether each term has a coefficient of its own."""
+        return len({name for entry in self.entries for name in entry.powers}) == len(self.entries)
 
     def has_signs(self, coefficients: Floats, terms: Terms) -> bool:
-        """Return whether parameters are within their bounds, given coefficients, (objects, equations, terms).
+        """Return whether coefficients of terms, shape (objects, equations, terms), have the signs of the model.
 
         The mean over objects decides: noise may turn the sign of an object.
         """
-        mean = coefficients[:, :, [terms.terms.index(term) for term in self.given.terms.terms]].mean(axis=0)
-        values = {coefficient.name: coefficient.of(mean) for coefficient in self.given.coefficients}
-        return all(bound.holds(values[bound.name]) for bound in self.given.bounds)
+        mean, positive = coefficients.mean(axis=0), {bound.name for bound in self.bounds if bound.low >= 0}
+        known = (entry for entry in self.entries if positive >= entry.powers.keys())
+        return all(mean[entry.equation, terms.terms.index(entry.term)] * entry.number > 0 for entry in known)
 
 
 def _of_signs(alike: Sequence[_Candidate], coefficients: Floats, terms: Terms) -> list[_Candidate]:
@@ -327,51 +329,53 @@ def _of_signs(alike: Sequence[_Candidate], coefficients: Floats, terms: Terms) -
 
     If one has these names, it alone says what the columns are.
     """
-    known = {candidate.model.name: candidate for candidate in alike if candidate.has_signs(coefficients, terms)}
+    known = dict[str, _Candidate]()
+    for candidate in alike:
+        if candidate.has_signs(coefficients, terms):
+            known.setdefault(candidate.model.name, candidate)
     return [candidate for candidate in known.values() if candidate.has_names] or [*known.values()]
 
 
 def _candidates(law: Law) -> dict[_Places, list[_Candidate]]:
     """Return the named models with the states, the order and inputs of a law, by their terms.
 
-    They are linear in free coefficients.
+    No parameter is inside of a term.
     """
     schema, result = law.schema, dict[_Places, list[_Candidate]]()
     inputs = [name for name in schema.inputs if name not in schema.doses]
     taken = (*law.terms.variables.names, *property_names(law.properties))
     for model in named_models.values():
         is_of_order = (law.order == 2) == ("''" in model.equations)
-        if not (is_of_order and len(model.states) == len(schema.states) and _is_linear(model.name)):
+        if not (is_of_order and len(model.states) == len(schema.states) and _has_plain_terms(model.name)):
             continue
         free = {name: free_name(name, taken) for name in model.parameters}
         free = {name: new for name, new in free.items() if new != name}
         for columns in product(permutations(schema.states), permutations(inputs, len(model.inputs))):
             names = dict(zip((*model.states, *model.inputs), chain(*columns), strict=True))
-            over = model.over(names | free)
-            candidate = _Candidate(over, read_equations(over.equations, schema), _are_names(names))
+            over, has_names = model.over(names | free), all(name == column for name, column in names.items())
+            given = read_equations(over.equations, schema)
+            has_names = has_names and not {*names} <= {"x", "y", "z"}
+            candidate = _Candidate(over, entries_of(given), given.bounds, has_names)
             result.setdefault(candidate.places, []).append(candidate)
     return result
 
 
-def _same(law: Law, candidates: Mapping[_Places, Sequence[_Candidate]]) -> list[_Candidate]:
-    """Return the named models that a law is: those of its terms and signs."""
+def _of_terms(law: Law, candidates: Mapping[_Places, Sequence[_Candidate]]) -> list[_Candidate]:
+    """Return the named models that have the terms and signs of a law."""
     terms = law.terms
     places = frozenset((j, terms.terms[k]) for j, k in np.argwhere(law.support & terms.is_factor).tolist())
     return _of_signs(candidates.get(places, []), law.coefficients, terms)
 
 
 @cache
-def _is_linear(name: str) -> bool:
-    """Return whether a named model is linear in free coefficients, and all of its states have columns."""
+def _has_plain_terms(name: str) -> bool:
+    """Return whether a named model has no parameter inside of a term, and all of its states have columns."""
     model = named_models[name]
     if model.properties or model.latent or model.doses or re.search(r"\(t - ", model.equations):
         return False
     given = read_equations(model.equations, Schema(model.states, model.inputs))
-    return not given.terms.parameters and not np.nan_to_num(given.known).any()
-
-
-def _are_names(names: Mapping[str, str]) -> bool:
-    return all(name == column for name, column in names.items()) and not {*names} <= {"x", "y", "z"}
+    measured = len(given.terms.variables.measured)
+    return all(column < measured for entry in entries_of(given) for column in entry.term.columns())
 
 
 def _has_units(candidate: _Candidate, schema: Schema) -> bool:
@@ -379,7 +383,7 @@ def _has_units(candidate: _Candidate, schema: Schema) -> bool:
 
     Degrees Celsius have an arbitrary origin, which the terms must not fix.
     """
-    model, terms, supports = candidate.model, candidate.given.terms, np.isnan(candidate.given.known)
+    model = candidate.model
     for name in (*model.states, *model.inputs):
         unit, of_model = (known_unit(units.get(name, "")) for units in (schema.units, model.units))
         if unit is None:
@@ -387,10 +391,12 @@ def _has_units(candidate: _Candidate, schema: Schema) -> bool:
         if of_model is not None and of_model.dimensionality != unit.dimensionality:
             return False
         if unit.is_compatible_with("K") and Conversion.between(name, schema.units[name], "K").offset:
-            # A term whose derivative is not in the span of those of its equation needs all of them
-            column, indices = terms.variables.index(name), [np.flatnonzero(support).tolist() for support in supports]
-            if any(shifted(terms.take(some), column).all(axis=1).any() for some in indices):
-                return False
+            variables = law_variables(schema, 2 if "''" in model.equations else 1)
+            for j in range(len(schema.states)):
+                terms = Terms(variables, tuple(term for equation, term in candidate.places if equation == j))
+                # A term whose derivative is not in the span of those of its equation needs all of them
+                if shifted(terms, variables.index(name)).all(axis=1).any():
+                    return False
     return True
 
 
@@ -414,17 +420,16 @@ def _nearest(law: Law, trials: Trials, most: float = np.inf) -> _Nearest | None:
         for places, alike in _candidates(law).items()
         if (known := [candidate for candidate in alike if _has_units(candidate, law.schema)])
     }
-    if same := _same(law, candidates):
-        return _Nearest([candidate.model for candidate in same], 0.0, is_law=True)
+    if same := [candidate for candidate in _of_terms(law, candidates) if candidate.is_free]:
+        return _Nearest(tuple(candidate.model for candidate in same), 0.0, is_law=True)
     if not candidates:
         return None
-    kind = law.uncertainty.error_model.kind
-    chosen = _fitted(law, trials, kind)
+    chosen = _fitted(law, trials, law)
     ranked = sorted(_linearized(chosen, law.schema, candidates.values()), key=lambda named: named.above)
     ranked = [named for named in ranked if any(known.has_names for known in named.alike)] or ranked
     measured = sum(chosen.problem.measured) if np.isfinite(most) else np.inf
     near = [named for named in ranked[:_MAX_FITTED] if named.above < measured]
-    fits, _ = attempt_each(lambda named: (_fitted(named.law, trials, kind), named.alike), near)
+    fits, _ = attempt_each(lambda named: (_fitted(_law_of(named, trials, law), trials, law), named.alike), near)
     # Converged fits differ from these by less than strong evidence as a rule
     least = min((_score(fitted) for fitted, _ in fits), default=0.0)
     close = [pair for pair in fits if _score(pair[0]) < min(least, _score(chosen) + most) + settings.STRONG]
@@ -432,15 +437,45 @@ def _nearest(law: Law, trials: Trials, most: float = np.inf) -> _Nearest | None:
     for fitted, alike in close:
         done = converged(fitted)[0]
         coefficients = np.array([estimate.coefficients for estimate in done.estimates])
-        if of_law is not None and (models := _of_signs(alike, coefficients, done.problem.terms)):
-            best.append(_Nearest([candidate.model for candidate in models], score_of_fit(done) - of_law))
+        models = _of_signs(alike, coefficients, done.problem.terms) if alike[0].is_free else alike
+        if of_law is not None and models:
+            best.append(_Nearest(tuple(candidate.model for candidate in models), score_of_fit(done) - of_law))
     nearest = min(best, key=lambda nearest: nearest.evidence, default=None)
     return nearest if nearest is not None and nearest.evidence <= most else None
 
 
-def _fitted(law: Law, trials: Trials, kind: ErrorKind) -> Fit:
-    """Return the fit of a law under an error model."""
-    fitted = fit_terms(FitSetup.of(law, trials, RefitOptions()))
+def _law_of(named: _Ranked, trials: Trials, law: Law) -> Law:
+    """Return named models as a law: with free coefficients, or one with its relations between these.
+
+    Raises `CommonlawError` if the mean of a parameter of the latter is outside of its bounds.
+    """
+    candidate = named.alike[0]
+    if candidate.is_free:
+        return named.law
+    fitted = _fit(candidate.model, trials, law, "white")
+    parameters = named_parameters(fitted)
+    means = dict(zip(parameters.names, parameters.values.mean(axis=0), strict=True))
+    for bound in candidate.bounds:
+        if not bound.holds(means[bound.name]):
+            raise CommonlawError("named-model-none", equations=left_hand_sides(law.schema.states, law.order))
+    return fitted
+
+
+def _fit(model: NamedModel, trials: Trials, law: Law, errors: ErrorKind) -> Law:
+    """Return a named model as a law, without its bounds, on the scale of another one and under an error model."""
+    return fit(
+        model.without_bounds,
+        trials,
+        errors=errors,
+        log_states=law.schema.logarithmic,
+        input_interpolation=law.schema.input_interpolation,
+        progress=silent,
+    )
+
+
+def _fitted(law: Law, trials: Trials, chosen: Law) -> Fit:
+    """Return the fit of a law under the error model of the chosen one."""
+    fitted, kind = fit_terms(FitSetup.of(law, trials, RefitOptions())), chosen.uncertainty.error_model.kind
     return (fitted if kind == "white" else with_error_models(fitted, None, (kind,), silent)).best
 
 
@@ -457,7 +492,7 @@ def _linearized(fitted: Fit, schema: Schema, candidates: Iterable[Sequence[_Cand
     problem, before = fitted.problem, fitted.problem.terms
     inner = len(before) - len(before.parameters)
     for alike in candidates:
-        named = alike[0].given.terms.terms
+        named = tuple(dict.fromkeys(entry.term for entry in alike[0].entries))
         more = [term for term in named if term not in before.terms]
         terms = Terms(before.variables, (*before.terms[:inner], *more, *before.terms[inner:]))
         columns = [terms.terms.index(term) for term in named]
@@ -469,7 +504,8 @@ def _linearized(fitted: Fit, schema: Schema, candidates: Iterable[Sequence[_Cand
         estimates = [replace(estimate, coefficients=wider(estimate.coefficients, 0.0)) for estimate in fitted.estimates]
         wide = replace(problem, models=models, known=np.full_like(wider(problem.known, 0.0), np.nan))
         supports = np.zeros(wide.allowed.shape, dtype=bool)
-        supports[:, columns] = np.isnan(alike[0].given.known)
+        for entry in alike[0].entries:
+            supports[entry.equation, terms.terms.index(entry.term)] = True
         try:
             evidence = linearized_evidence(wide, estimates, fitted.fitted_model_error)
             chosen = wider(fitted.supports.astype(np.float64), 0.0) > 0
@@ -477,10 +513,12 @@ def _linearized(fitted: Fit, schema: Schema, candidates: Iterable[Sequence[_Cand
             coefficients = evidence.coefficients(supports)
         except (NotPositiveError, np.linalg.LinAlgError):
             continue
-        if known := _of_signs(alike, coefficients, terms):
-            terms = Terms(replace(before.variables, parameters=()), named)
-            objects = problem.trials.objects
-            yield _Ranked(above, known, Law(terms, schema, problem.order, objects, coefficients[:, :, columns]))
+        known, objects = _of_signs(alike, coefficients, terms), problem.trials.objects
+        own_terms = Terms(replace(before.variables, parameters=()), named)
+        law = Law(own_terms, schema, problem.order, objects, coefficients[:, :, columns])
+        groups = [[candidate for candidate in known if candidate.is_free]]
+        groups += [[candidate] for candidate in known if not candidate.is_free]
+        yield from (_Ranked(above, group, law) for group in groups if group)
 
 
 def _without_prior(evidence: SupportEvidence, supports: Bools) -> float:

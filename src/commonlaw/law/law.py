@@ -674,12 +674,12 @@ class Law(ShownInNotebooks):
     def textbook(self, trials: Trials, learned: Trials | None = None) -> "TextbookLaw":
         """Return the law of textbooks nearest to this one: its evidence, its forecasts, and what it leaves unexplained.
 
-        Named models with the states, inputs and order of the law are compared, if they are linear in their
-        coefficients; the means of these over objects have the signs of the model, and columns its units, as far as
+        Named models with the states, inputs and order of the law are compared, if their parameters are factors of
+        terms; the means of coefficients over objects have the signs of the model, and columns its units, as far as
         they are known. The nearest has the largest evidence; one whose variables have the names of the columns, as T or
         theta, comes before others. 2 log B is that of `commonlaw.compare` under the error model of the law. Forecasts
         are assessed as by `Law.assess`, and what is left are residuals beyond the noise of the law. If the law has the
-        terms and signs of a named model, it is this one.
+        terms and signs of a named model with as many parameters, it is this one.
 
         Raises `CommonlawError` if no named model has the states, inputs and order of the law, or the law is in discrete
         time, has latent states, observation equations or relations to properties, or terms that differ between objects.

@@ -60,7 +60,7 @@ def forms() -> tuple[Form, ...]:
     return tuple(msgspec.convert(form, Form) for form in tables["form"])
 
 
-class _Entry(NamedTuple):
+class Entry(NamedTuple):
     """A term of an equation of a form, without parameters that are its factors: a number and their powers before it."""
 
     equation: int
@@ -77,7 +77,7 @@ class _Pattern(NamedTuple):
     inputs: tuple[str, ...]
     orders: tuple[int, ...]
     variables: Variables
-    entries: tuple[_Entry, ...]
+    entries: tuple[Entry, ...]
     inside: tuple[str, ...]
     bounds: Mapping[str, Bound]
 
@@ -91,7 +91,7 @@ def _patterns() -> tuple[_Pattern, ...]:
             states, orders = zip(*((equation.state, equation.order) for equation in equations), strict=True)
             inputs = tuple(name for name in form.inputs if re.search(rf"\b{name}\b", text))
             given = read_equations(text, Schema(states, inputs))
-            variables, entries = given.terms.variables, _entries(given)
+            variables, entries = given.terms.variables, entries_of(given)
             inside = tuple(_inside([entry.term for entry in entries], variables))
             bounds = {bound.name: bound for bound in given.bounds}
             result.append(_Pattern(form, states, inputs, orders, variables, entries, inside, bounds))
@@ -119,9 +119,9 @@ def _over(names: Sequence[str], variables: Variables) -> Variables:
     return Variables(tuple(names[: count - 1]), time=names[count - 1], parameters=tuple(names[count:]))
 
 
-def _entries(given: GivenEquations) -> tuple[_Entry, ...]:
-    """Return the terms of the equations of a form."""
-    products, result = {(product.equation, product.term): product for product in given.products}, list[_Entry]()
+def entries_of(given: GivenEquations) -> tuple[Entry, ...]:
+    """Return the terms of equations, multiplied out."""
+    products, result = {(product.equation, product.term): product for product in given.products}, list[Entry]()
     for j, k in np.argwhere((given.known != 0) & given.terms.is_factor).tolist():
         number, before = given.known[j, k], list[tuple[str, int]]()
         if (product := products.get((j, k))) is not None:
@@ -129,7 +129,7 @@ def _entries(given: GivenEquations) -> tuple[_Entry, ...]:
         for factor, term, powers in _summands(given.terms.terms[k], given.terms.variables):
             for name, power in before:
                 powers[name] = powers.get(name, 0) + power
-            result.append(_Entry(j, term, float(number) * factor, powers))
+            result.append(Entry(j, term, float(number) * factor, powers))
     return tuple(result)
 
 
