@@ -180,6 +180,22 @@ def test_sizes_stay_with_a_law(correlated):
     assert "signal" not in line
 
 
+def test_parts_of_a_stream_have_one_size(correlated, tmp_path):
+    trials, signal, _ = correlated
+    for name in trials.objects:
+        trials.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
+    stream = cl.TrialStream.from_parquet(tmp_path, object="object", trial="trial", time="t", states=["T"])
+    law = cl.fit(EQUATION, stream, errors="autocorrelated", n_jobs=1)
+    misfit = law.uncertainty.misfit
+    assert misfit.signal == pytest.approx([signal])
+    assert (misfit.outliers, misfit.measurements) == (0, 240)
+    alone = [
+        misfit_size(cl.fit(EQUATION, trials.select(object=name), errors="autocorrelated"), "autocorrelated")[0]
+        for name in trials.objects
+    ]
+    assert misfit_size(law, "autocorrelated") == pytest.approx([np.sqrt(np.mean(np.square(alone)))])
+
+
 def test_every_kind_has_a_description():
     for kind, model in ERRORS.items():
         assert bool(model.description) == (kind != "white")
