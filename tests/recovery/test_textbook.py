@@ -143,6 +143,18 @@ def test_units_and_names_of_columns_decide_which_models_are_meant():
     assert cl.fit(cubic, celsius).textbook(celsius).models[0].name == "newton-cooling"
 
 
+def test_a_law_with_parameters_inside_of_terms_is_a_named_model():
+    times = np.linspace(0, 6, 30)
+    solved = solve_ivp(lambda _, s: -s / (0.7 + s), (0, 6), [3.0], t_eval=times, rtol=1e-9).y.T
+    noisy = solved + 0.01 * np.random.default_rng(0).standard_normal(solved.shape)
+    trials = cl.Trials.from_arrays(times, noisy, names=["substrate"])
+    law = cl.fit("substrate' = a substrate/(K + substrate)", trials)
+    nearest = law.textbook(trials)
+    assert [model.name for model in nearest.models] == ["michaelis-menten"]
+    assert nearest.is_chosen
+    assert "substrate" in nearest.models[0].variables
+
+
 def test_laws_without_a_named_model_are_refused():
     times = np.linspace(0, 3, 20)
     states = np.exp(-np.outer(times, [0.5, 0.7, 0.9, 1.1])) + 0.01 * np.random.default_rng(0).standard_normal((20, 4))

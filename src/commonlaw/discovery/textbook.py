@@ -31,7 +31,7 @@ from commonlaw.law.law import shares_terms
 from commonlaw.law.models import NamedModel, named_models
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
-from commonlaw.law.quantities import Entry, entries_of
+from commonlaw.law.quantities import Entry, entries_of, variables_in
 from commonlaw.law.text import left_hand_sides
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.library import Term, Terms
@@ -228,7 +228,7 @@ def nearest_textbook_law(
         raise CommonlawError("named-model-beyond")
     whole = matched(law, trials)
     training = whole if learned is None or learned is trials else matched(law, learned)
-    with unannounced():
+    with unannounced(), np.errstate(all="ignore"):
         nearest = _nearest(law, training)
         if nearest is None:
             raise CommonlawError("named-model-none", equations=left_hand_sides(law.schema.states, law.order))
@@ -250,11 +250,14 @@ def nearest_textbook_law(
 
 
 def outcomes_of_textbook(law: Law, trials: Trials) -> tuple[Outcome, ...]:
-    """Return a note if a named model of other terms or signs is as good, see `TextbookLaw.as_good`."""
-    if not _is_comparable(law) or _of_terms(law, _candidates(law)):
+    """Return a note if a named model of other terms or signs is as good, see `TextbookLaw.as_good`.
+
+    Laws with parameters inside of terms, which come from a wider search, have none.
+    """
+    if not _is_comparable(law) or law.terms.variables.parameters or _of_terms(law, _candidates(law)):
         return ()
     try:
-        with unannounced():
+        with unannounced(), np.errstate(all="ignore"):
             nearest = _nearest(law, trials, AS_GOOD)
     except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):  # Laws are reported without this note, too
         return ()
@@ -422,6 +425,8 @@ def _nearest(law: Law, trials: Trials, most: float = np.inf) -> _Nearest | None:
     }
     if same := [candidate for candidate in _of_terms(law, candidates) if candidate.is_free]:
         return _Nearest(tuple(candidate.model for candidate in same), 0.0, is_law=True)
+    if inside := tuple(_with_parameters_inside(law)):
+        return _Nearest(inside, 0.0, is_law=True)
     if not candidates:
         return None
     chosen = _fitted(law, trials, law)
@@ -471,6 +476,17 @@ def _fit(model: NamedModel, trials: Trials, law: Law, errors: ErrorKind) -> Law:
         input_interpolation=law.schema.input_interpolation,
         progress=silent,
     )
+
+
+def _with_parameters_inside(law: Law) -> Iterator[NamedModel]:
+    """Yield the named models that a law with parameters inside of terms is, over its columns."""
+    if not law.terms.variables.parameters:
+        return
+    for model in named_models.values():
+        if not (model.properties or model.latent or model.doses or re.search(r"\(t - ", model.equations)):
+            for names in variables_in(law, model.equations, model.inputs):
+                taken = (*names.values(), *property_names(law.properties))
+                yield model.over({**{name: free_name(name, taken) for name in model.parameters}, **names})
 
 
 def _fitted(law: Law, trials: Trials, chosen: Law) -> Fit:

@@ -84,18 +84,29 @@ class _Pattern(NamedTuple):
 
 @cache
 def _patterns() -> tuple[_Pattern, ...]:
-    result = []
-    for form in forms():
-        for text in form.equations:
-            equations = split_equations(text)
-            states, orders = zip(*((equation.state, equation.order) for equation in equations), strict=True)
-            inputs = tuple(name for name in form.inputs if re.search(rf"\b{name}\b", text))
-            given = read_equations(text, Schema(states, inputs))
-            variables, entries = given.terms.variables, entries_of(given)
-            inside = tuple(_inside([entry.term for entry in entries], variables))
-            bounds = {bound.name: bound for bound in given.bounds}
-            result.append(_Pattern(form, states, inputs, orders, variables, entries, inside, bounds))
-    return tuple(result)
+    return tuple(_pattern(form, text) for form in forms() for text in form.equations)
+
+
+def _pattern(form: Form, text: str) -> _Pattern:
+    equations = split_equations(text)
+    states, orders = zip(*((equation.state, equation.order) for equation in equations), strict=True)
+    inputs = tuple(name for name in form.inputs if re.search(rf"\b{name}\b", text))
+    given = read_equations(text, Schema(states, inputs))
+    variables, entries = given.terms.variables, entries_of(given)
+    inside = tuple(_inside([entry.term for entry in entries], variables))
+    bounds = {bound.name: bound for bound in given.bounds}
+    return _Pattern(form, states, inputs, orders, variables, entries, inside, bounds)
+
+
+def variables_in(law: Law, equations: str, inputs: tuple[str, ...]) -> Iterator[Mapping[str, str]]:
+    """Yield the variables of a law by those of equations that it has as a whole, within their bounds.
+
+    The mean of the coefficients of the objects decides.
+    """
+    mean = law.coefficients.mean(axis=0, keepdims=True)
+    for match in _matches(law, [_pattern(Form("", (equations,), (), inputs), equations)]):
+        if len(match.equations) == len(law.schema.states) and match.holds(mean):
+            yield match.names
 
 
 def _summands(term: Term, variables: Variables) -> Iterator[tuple[float, Term, dict[str, int]]]:
@@ -242,10 +253,10 @@ def _value(coefficients: Floats, parameters: Floats, place: _Place) -> Floats:
     return np.asarray(result)
 
 
-def _matches(law: Law) -> list[_Match]:
-    """Return the forms that equations of a law may have, by their terms."""
+def _matches(law: Law, patterns: Sequence[_Pattern]) -> list[_Match]:
+    """Return the patterns that equations of a law may have, by their terms."""
     states, orders, result = law.schema.states, order_of_each(law.order, len(law.schema.states)), list[_Match]()
-    for pattern in _patterns():
+    for pattern in patterns:
         inputs = [name for name in law.schema.inputs if (name in law.schema.doses) == pattern.form.doses]
         for chosen in permutations(range(len(states)), len(pattern.states)):
             if tuple(orders[j] for j in chosen) == pattern.orders:
@@ -458,7 +469,7 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
     for name in initial or {}:
         check_choice("state", name, law.schema.states)
     reach = float(reach_of_equations(law, level).max())
-    matches, known = _matches(law) if law.order != 0 else [], named_parameters(law)
+    matches, known = _matches(law, _patterns()) if law.order != 0 else [], named_parameters(law)
     rows, tabulated = list[tuple[object, ...]](), (known.values, known.tabulated_errors, *known.intervals(level))
     is_solved = WITHOUT_QUANTITIES.isdisjoint(outcome.kind for outcome in law.diagnostics)
     for i, owner in enumerate(law.objects if law.order != 0 and is_solved else ()):
