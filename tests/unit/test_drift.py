@@ -26,7 +26,12 @@ def covariance(times, noise, offset, slope):
 
 
 def regression(measured, times, levels):
-    """Minus twice the restricted log-likelihood, and the estimate of a with its standard error, by all starts."""
+    """Minus twice the restricted log-likelihood, and the estimate of a with its standard error, by all starts.
+
+    Levels are the logarithms of the noise, and of standard deviations of offsets and slopes, and the mean slope.
+    """
+    *levels, trend = *np.exp(levels[:3]), levels[3]
+    measured = measured - trend * times
     trials, decay = len(measured), np.exp(-K * times)
     root = np.linalg.inv(np.linalg.cholesky(covariance(times, *levels)))
     columns = np.zeros((trials, len(times), trials + 1))
@@ -42,10 +47,10 @@ def regression(measured, times, levels):
 
 def error_by_levels(measured, times, levels, step=0.02):
     """What errors of the levels add to that of the estimate (Kackar and Harville 1984), by central differences."""
-    moves, logs = step * np.eye(3), np.log(levels)
+    moves = step * np.eye(4)
 
     def at(move):
-        return regression(measured, times, np.exp(logs + move))
+        return regression(measured, times, levels + move)
 
     hessian = [[at(a + b)[0] + at(-a - b)[0] - at(a - b)[0] - at(b - a)[0] for a in moves] for b in moves]
     slopes = np.array([at(move)[1] - at(-move)[1] for move in moves]) / (2 * step)
@@ -73,13 +78,14 @@ def test_innovations_keep_their_digits_where_a_drift_is_far_above_the_noise():
 @pytest.mark.parametrize("scheme", ["collocation", "shooting"])
 def test_levels_and_estimates_are_those_of_generalized_least_squares(scheme):
     times = np.sort(np.random.default_rng(1).uniform(0, 5, 25))
-    measured = relaxing(8, times := times - times[0])
+    measured = relaxing(8, times := times - times[0]) + 0.3 * times
     trials = cl.Trials.from_arrays([times] * 8, [*measured], names=["x"])
     law = cl.fit(f"x' = a - {K} x", trials, errors="drift", scheme=scheme)
-    best = optimize.minimize(lambda logs: regression(measured, times, np.exp(logs))[0], np.log([0.05, 0.2, 0.1]))
-    levels = np.exp(best.x)
+    begin = [*np.log([0.05, 0.2, 0.1]), 0.0]
+    levels = optimize.minimize(lambda levels: regression(measured, times, levels)[0], begin).x
     model, parameters = law.uncertainty.error_model, named_parameters(law)
-    assert [*law.uncertainty.noise, *model.offset, *model.slope] == pytest.approx(levels, rel=2e-3)
+    assert [*law.uncertainty.noise, *model.offset, *model.slope] == pytest.approx(np.exp(levels[:3]), rel=2e-3)
+    assert model.trend == pytest.approx(levels[3], rel=2e-3)
     _, estimate, error = regression(measured, times, levels)
     assert parameters.values[0, 0] == pytest.approx(estimate, abs=0.005 * error)
     by_levels = error_by_levels(measured, times, levels)
@@ -132,7 +138,8 @@ def test_a_law_with_a_drift_is_saved_and_forecasts_its_measurements(tmp_path):
     assert again == law
     forecast = again.predict(trials, return_std=True, start=10)
     model, noise = law.uncertainty.error_model, law.uncertainty.noise
-    expected = np.sqrt(noise**2 + model.offset**2 + (model.slope * times[:, np.newaxis]) ** 2)
+    slopes = model.slope**2 + model.trend**2
+    expected = np.sqrt(noise**2 + model.offset**2 + slopes * times[:, np.newaxis] ** 2)
     assert forecast.measurement_std()[0] == pytest.approx(expected)
     steps = {step.stage: step.choice for step in law.history}
     assert f"{model.slope[0]:.3g}" in steps["drift of the sensor"]
@@ -152,7 +159,7 @@ def test_measurements_have_the_standard_deviation_of_their_time():
 
 
 def test_files_are_fitted_one_by_one_under_a_drift(tmp_path):
-    """The levels of all are root mean squares of those of each file."""
+    """The levels of all are root mean squares of those of each file, of slopes about zero."""
     times, levels = np.linspace(0, 5, 25), list[np.ndarray]()
     for name in ("a", "b"):
         trials = cl.Trials.from_arrays(
@@ -160,10 +167,40 @@ def test_files_are_fitted_one_by_one_under_a_drift(tmp_path):
         )
         frame = trials.to_frame()
         frame.to_parquet(tmp_path / f"{name}.parquet")
-        levels.append(cl.fit(f"x' = a - {K} x", trials, errors="drift").uncertainty.error_model.levels)
+        model = cl.fit(f"x' = a - {K} x", trials, errors="drift").uncertainty.error_model
+        levels.append(np.append(model.offset, np.hypot(model.slope, model.trend)))
     stream = cl.TrialStream.from_parquet(tmp_path, object="object", trial="trial", time="t", states=["x"])
     law = cl.fit(f"x' = a - {K} x", stream, errors="drift")
-    assert law.uncertainty.error_model.levels == pytest.approx(np.sqrt(np.mean(np.square(levels), axis=0)), rel=1e-3)
+    model = law.uncertainty.error_model
+    assert [*model.offset, *model.slope] == pytest.approx(np.sqrt(np.mean(np.square(levels), axis=0)), rel=1e-3)
+
+
+@pytest.mark.parametrize("scheme", ["collocation", "shooting"])
+def test_a_slope_of_all_trials_is_their_mean_and_one_of_zero_is_none(scheme):
+    times = np.linspace(0, 5, 25)
+    for slope in (-0.4, 0.0):
+        measured = relaxing(6, times, offset=0.0, slope=0.0) + slope * times
+        trials = cl.Trials.from_arrays([times] * 6, [*measured], names=["x"])
+        law = cl.fit(f"x' = a - {K} x", trials, errors="drift", scheme=scheme)
+        (trend,), error = law.uncertainty.error_model.trend, named_parameters(law).errors[0, 0]
+        assert trend == (pytest.approx(slope, abs=0.05) if slope else 0.0)
+        assert named_parameters(law).values[0, 0] == pytest.approx(2 * K, abs=3 * error)
+
+
+@pytest.mark.slow
+def test_a_drift_that_all_trials_share_is_chosen_and_intervals_hold_the_truth():
+    times, hits, kinds = np.linspace(0, 6, 40), list[bool](), list[str]()
+    for seed in range(20):
+        measured = relaxing(6, times, noise=0.05, offset=0.0, slope=0.0, seed=seed) + 0.06 * times
+        names = [name for name in "abc" for _ in range(2)]
+        trials = cl.Trials.from_arrays([times] * 6, [*measured], object=names, names=["x"])
+        law = cl.fit("x' = a - k x", trials)
+        kinds.append(law.uncertainty.error_model.kind)
+        for name, true in (("a", 2 * K), ("k", K)):
+            params = law.params[law.params.parameter == name]
+            hits += ((params.low <= true) & (true <= params.high)).tolist()
+    assert kinds.count("drift") >= 18
+    assert 0.87 <= np.mean(hits) <= 1.0
 
 
 @pytest.mark.slow

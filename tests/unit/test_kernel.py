@@ -141,7 +141,9 @@ CASES = {
     "drift, second order": lambda: with_latent(
         model_of(2, "terms:1,x,v,u", ("x", "v"), cut=5, between="held"), offset=0.3, slope=0.1
     ),
-    "drift, mixed orders": lambda: with_latent(model_of((1, 2), "poly:2", ("x", "y", "v")), offset=0.02, slope=0.5),
+    "drift, mixed orders": lambda: with_latent(
+        model_of((1, 2), "poly:2", ("x", "y", "v")), offset=0.02, slope=0.5, trend=0.3
+    ),
     "both": lambda: with_latent(model_of(), correlated=0.1, memory=1.0, force=0.2, force_time=1.0),
     "both, held inputs": lambda: with_latent(
         model_of(2, "terms:1,x,v", ("x", "v"), between="held"), correlated=0.1, memory=1.0, force=0.2, force_time=1.0

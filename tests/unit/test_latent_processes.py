@@ -28,6 +28,7 @@ KINDS = {
     "force": LatentProcesses(force=np.array([0.5]), force_time=1.3),
     "both": LatentProcesses(np.array([0.3]), 0.8, np.array([0.5]), 1.3),
     "drift": LatentProcesses(offset=np.array([0.3]), slope=np.array([0.7])),
+    "drift about a mean": LatentProcesses(offset=np.array([0.3]), slope=np.array([0.7]), trend=np.array([0.4])),
 }
 
 
@@ -151,11 +152,14 @@ def dense_value(model, estimate, model_error):
         transform = np.eye(size)
         mean = np.zeros(size)
         mean[:order] = informed[start]
+        if latent.trend is not None:
+            mean[size - len(hidden) :] = latent.trend[0] * np.append(times - times[0], 1)
         prior[range(order), range(order)] = spread[start]
         if latent.correlated is not None and not unmeasured[0]:
             transform[0] -= error[0]
         if latent.drift is not None:
             transform[range(order)] -= np.array([error[0], of_rates[0]])[:order]
+            mean = transform @ mean
         prior = transform @ prior @ transform.T
         later = ~start
         centre = seen_by[later] @ mean

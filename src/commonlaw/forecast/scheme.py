@@ -177,9 +177,10 @@ def measurement_errors(
         return variances, np.kron(kernel, np.diag(np.square(errors.correlated[measured])))
     if errors.sensor_walk is not None:
         return variances, np.kron(np.minimum.outer(elapsed, elapsed), np.diag(np.square(errors.sensor_walk[measured])))
-    if errors.offset is None or errors.slope is None:
+    if errors.offset is None:
         return variances, None
-    of_offset, of_slope = (np.diag(np.square(level[measured])) for level in (errors.offset, errors.slope))
+    levels = errors.offset, errors.root_mean_square_slope
+    of_offset, of_slope = (np.diag(np.square(level[measured])) for level in levels)
     return variances, np.kron(np.ones((len(times),) * 2), of_offset) + np.kron(np.outer(elapsed, elapsed), of_slope)
 
 

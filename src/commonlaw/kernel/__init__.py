@@ -52,7 +52,8 @@ class ModelStructure(ctypes.Structure):
             )
         ),
         ("huber_threshold", ctypes.c_double),
-        *((name, _ADDRESS) for name in ("unit", "latent_std", "logarithmic", "inside_term", "second", "highest")),
+        *((name, _ADDRESS) for name in ("unit", "latent_std", "latent_mean", "logarithmic")),
+        *((name, _ADDRESS) for name in ("inside_term", "second", "highest")),
         *((name, _ADDRESS) for name in ("typical", "precision")),
         ("program", ProgramStructure),
     )

@@ -185,7 +185,7 @@ static bool eliminate_drift(Workspace *work, const double *latent, double *kept)
     double *sums = work->of_segment;
     for (int64_t k = 0; k < q; ++k) {
         sums[k * columns + k] += 1;
-        sums[last * columns + k] += latent[k] / work->model->latent_std[k];
+        sums[last * columns + k] += (latent[k] - work->model->latent_mean[k]) / work->model->latent_std[k];
     }
     for (int64_t k = 0; k < q; ++k) {
         const double pivot = sums[k * columns + k];

@@ -61,7 +61,7 @@ static Fitness evaluate(Fit *fit, const double *states, const double *coefficien
         for (int64_t i = 0; i < mesh->points; ++i) {
             deviance += deviance_at(work->model, mesh, i, states + i * work->W);
             for (int64_t l = 0; l < work->w; ++l) {
-                const double own = states[i * work->W + work->D + l];
+                const double own = states[i * work->W + work->D + l] - work->model->latent_mean[l];
                 missed += mesh->anchors[i * work->w + l] * own * own;
             }
             if (i + 1 < mesh->points && mesh->contiguous[i])

@@ -52,6 +52,7 @@ typedef struct {
     double huber_threshold;
     const double *unit;         /* D: of the model error */
     const double *latent_std;   /* w: of latent processes, of Wiener processes after a unit of time */
+    const double *latent_mean;  /* w: at first points */
     const uint8_t *logarithmic; /* D: which states are logarithms */
     const int64_t *inside_term; /* inside: the term whose coefficient each such constant is */
     const int64_t *second;      /* rates: the state of each rate, which are the last D - d states */

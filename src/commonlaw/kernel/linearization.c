@@ -201,12 +201,16 @@ static void take_before(const double *factor, Parts own, const double *rows_befo
 /* Eliminate the drift of each segment from rows [drift | any columns | target] of unit covariance, F of each step, by
    rotations: what is left are innovations. `triangle` is q x columns. Returns the logarithm of the determinant of the
    covariance by the drift. */
-static double without_drift(const Mesh *mesh, int64_t q, int64_t F, int64_t columns, double *rows, double *triangle) {
+static double without_drift(const Model *model, const Mesh *mesh, int64_t q, int64_t F, int64_t columns, double *rows,
+                            double *triangle) {
     double total = 0;
     for (int64_t i = 0; i + 1 < mesh->points; ++i) {
         if (i == 0 || !mesh->contiguous[i - 1]) {
             memset(triangle, 0, sizeof(double) * (size_t)(q * columns));
-            for (int64_t k = 0; k < q; ++k) triangle[k * columns + k] = 1;
+            for (int64_t k = 0; k < q; ++k) {
+                triangle[k * columns + k] = 1;
+                triangle[(k + 1) * columns - 1] = model->latent_mean[k] / model->latent_std[k];
+            }
         }
         for (int64_t a = 0; a < F; ++a, rows += columns)
             for (int64_t k = 0; k < q; ++k) {
@@ -280,7 +284,7 @@ EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double
     fill_vague(model, mesh, beyond, vague);
     const bool done =
         whiten(&work, mesh, vague, states, model_error, start, end, rows, columns, own, memory + 6 * W * W, result);
-    if (done && q) *result += without_drift(mesh, q, work.F, columns, rows, vectors + 5 * W);
+    if (done && q) *result += without_drift(model, mesh, q, work.F, columns, rows, vectors + 5 * W);
     free(memory);
     return done ? DONE : NOT_POSITIVE;
 }

@@ -80,6 +80,7 @@ class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, o
     sensor_walk: Floats | None = None
     offset: Floats | None = None
     slope: Floats | None = None
+    trend: Floats | None = None
     by_object: dict[str, Floats] = {}
 
 

@@ -323,5 +323,6 @@ def error_steps(
     if errors.offset is not None and errors.slope is not None:
         offsets, slopes = levels_in_words(errors.offset, schema), levels_in_words(errors.slope, schema)
         time = schema.units.get(schema.time, "unit of time")
-        result.append(Step("drift of the sensor", f"at first {offsets}; then {slopes} per {time}", why))
+        mean = "" if errors.trend is None else f", about a mean of {levels_in_words(errors.trend, schema)}"
+        result.append(Step("drift of the sensor", f"at first {offsets}; then {slopes} per {time}{mean}", why))
     return result

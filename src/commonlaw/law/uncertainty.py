@@ -459,6 +459,8 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
         if values is not None:
             size = len(values) if name == "walk" else states  # Rates walk too
             arrays[name] = checked(values, f"level of errors ({name})", "states", (size,), low=0)
+    if errors.trend is not None:
+        arrays["trend"] = checked(errors.trend, "level of errors (trend)", "states", (states,))
     arrays["by_object"] = {
         owner: checked(factors, f"noise of {owner}", "states", (states,), low=np.finfo(float).tiny)
         for owner, factors in errors.by_object.items()

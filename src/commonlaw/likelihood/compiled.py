@@ -58,7 +58,7 @@ def packed(model: TrajectoryModel) -> Packed | None:
     inside = np.array(model.terms.parameters, dtype=np.int64)
     prior = (None, None) if model.prior is None else tuple(map(contiguous, model.prior))
     latent = model.latent_steps[0]
-    std = contiguous(model.latent.std)
+    std, mean = contiguous(model.latent.std), contiguous(model.latent.mean)
     if program not in _PROGRAMS:
         counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
         arrays = (program.constants, program.code, program.outputs)
@@ -78,6 +78,7 @@ def packed(model: TrajectoryModel) -> Packed | None:
         float(model.observation.huber_threshold),
         address(unit),
         address(std),
+        address(mean),
         address(logarithmic),
         address(inside),
         address(second),
@@ -85,7 +86,7 @@ def packed(model: TrajectoryModel) -> Packed | None:
         *(address(array) if array is not None else 0 for array in prior),
         _PROGRAMS[program],
     )
-    kept = (unit, std, logarithmic, inside, second, highest, prior, program, meshes)
+    kept = (unit, std, mean, logarithmic, inside, second, highest, prior, program, meshes)
     structures = (MeshStructure * len(meshes))(*(structure for structure, _ in meshes))
     words = np.frombuffer(memoryview(structures), np.uint64).reshape(len(meshes), -1)
     _MODELS[model] = Packed(structure, structures, words, kept)
@@ -338,8 +339,9 @@ class BatchedModel:
             arrays = {"latent_start": steps.start, "latent_end": steps.end, "anchors": steps.anchors}
             arrays = {name: contiguous(array) for name, array in arrays.items()}
             model.latent_std = address(deviations := contiguous(latent.std))
+            model.latent_mean = address(mean := contiguous(latent.mean))
             model.walks = latent.walks
-            assert len(deviations) == model.latent
+            assert len(deviations) == len(mean) == model.latent
         for name, array in {"std": std, **arrays}.items():
             meshes[:, FIELDS[name]] = address(array) + array.strides[0] * self.first
         pointers = np.full(len(meshes), ctypes.addressof(model), dtype=np.uint64)

@@ -32,6 +32,7 @@ class ErrorModel:
     sensor_walk: Floats | None = None
     offset: Floats | None = None
     slope: Floats | None = None
+    trend: Floats | None = None
     by_object: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
@@ -61,7 +62,8 @@ class ErrorModel:
     def latent(self) -> LatentProcesses:
         """The latent processes, which are eliminated with the states."""
         correlated = self.correlated if self.sensor_walk is None else self.sensor_walk
-        return LatentProcesses(correlated, self.memory, self.force, self.force_time, self.offset, self.slope)
+        drift = self.offset, self.slope, self.trend
+        return LatentProcesses(correlated, self.memory, self.force, self.force_time, *drift)
 
     @property
     def levels(self) -> Floats:
@@ -73,7 +75,8 @@ class ErrorModel:
         if self.sensor_walk is not None:
             return self.sensor_walk
         if self.latent.drift is not None:
-            return self.latent.drift
+            trend, none = self.latent.mean[len(self.latent.drift) // 2 :], np.finfo(float).tiny
+            return np.concatenate([self.latent.drift, np.maximum(trend, none), np.maximum(-trend, none)])
         return np.concatenate([np.zeros(0), *self.heteroscedastic.values()])
 
     def __bool__(self) -> bool:
@@ -127,9 +130,19 @@ class ErrorModel:
             std = np.hypot(std, self.correlated)
         if self.sensor_walk is not None:
             std = np.hypot(std, self.sensor_walk * np.sqrt(elapsed)[:, np.newaxis])
-        if self.offset is not None and self.slope is not None:
-            std = np.hypot(np.hypot(std, self.offset), self.slope * elapsed[:, np.newaxis])
+        if self.offset is not None:
+            std = np.hypot(np.hypot(std, self.offset), self.root_mean_square_slope * elapsed[:, np.newaxis])
         return std
+
+    def mean(self, elapsed: Floats) -> Floats:
+        """Return the mean error of measurements at times since the first sample of a trial, shape (n, d) or (n, 1)."""
+        return elapsed[:, np.newaxis] * (np.zeros(1) if self.trend is None else self.trend)
+
+    @property
+    def root_mean_square_slope(self) -> Floats:
+        """The root mean square slope of a drift, shape (d,): other trials may drift the other way."""
+        slope = np.zeros(1) if self.slope is None else self.slope
+        return slope if self.trend is None else np.hypot(slope, self.trend)
 
 
 WHITE_NOISE = ErrorModel()
@@ -185,6 +198,14 @@ class AbstractErrors(ABC):
     def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
         """Return initial logarithms of levels and times, between bounds."""
         return [low + share * (high - low) for share in self.shares]
+
+    def highest(self, start: Floats, low: Floats, high: Floats) -> Floats:
+        """Return the largest logarithms of levels and times in a search that begins at a start, between bounds."""
+        return high
+
+    def means(self, levels: int) -> range:
+        """Return which of so many levels are means, each of which costs as much as a coefficient, log n (BIC)."""
+        return range(0)
 
     def size(self, errors: ErrorModel, duration: float) -> Floats | None:
         """Return the standard deviation of an error of a measurement at the end of a trial, besides white noise, (d,).
@@ -318,7 +339,10 @@ class SensorWalk(AbstractErrors):
 
 
 class Drift(AbstractErrors):
-    """An offset and a slope in time of the measurements of each trial: ``b0 + b1 t`` from its first sample on."""
+    """An offset and a slope in time of the measurements of each trial: ``b0 + b1 t`` from its first sample on.
+
+    Both are normal. The mean slope of trials is that upwards less that downwards, of which one is next to nothing.
+    """
 
     label = "a drift of the sensor"
     description = "a drift of the sensor, about {amount} by the end of a trial"
@@ -326,17 +350,31 @@ class Drift(AbstractErrors):
     is_of_trials = True
 
     def model(self, values: Floats) -> ErrorModel:
-        offset, slope = np.split(values, 2)
-        return ErrorModel(offset=offset, slope=slope)
+        offset, slope, up, down = np.split(values, 4)
+        return ErrorModel(offset=offset, slope=slope, trend=up - down)
 
     def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
-        largest = np.append(scales.states, scales.states / scales.duration)
+        slopes = scales.states / scales.duration
+        largest = np.concatenate([scales.states, slopes, *[np.sqrt(12) * slopes] * 2])  # Lines with that SD
         return scales.least * largest, largest
+
+    def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
+        signs = product((False, True), repeat=len(low) // 4)
+        without = [np.append(np.zeros(len(low) // 2, dtype=np.bool_), (*up, *np.logical_not(up))) for up in signs]
+        levels = super().starts(log_noise, low, high)
+        return [np.where(none, low, level) for level in levels for none in without]
+
+    def highest(self, start: Floats, low: Floats, high: Floats) -> Floats:
+        """Hold mean slopes on the side of zero on which they begin, or at zero."""
+        is_mean = np.isin(np.arange(len(start)), self.means(len(start)))
+        return np.where(is_mean & (start <= low), low, high)
+
+    def means(self, levels: int) -> range:
+        return range(levels // 2, levels)
 
     def size(self, errors: ErrorModel, duration: float) -> Floats | None:
         assert errors.offset is not None
-        assert errors.slope is not None
-        return np.hypot(errors.offset, errors.slope * duration)
+        return np.hypot(errors.offset, errors.root_mean_square_slope * duration)
 
 
 class Force(_Timed):

@@ -292,7 +292,7 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
             residuals = defects(field, mesh, states, latent)
             objective += float(np.sum(residuals**2 * model.precision(mesh, model_error)))
             if latent is not None:
-                objective += float(np.sum(latent.anchors * states[:, model.width :] ** 2))
+                objective += float(np.sum(latent.anchors * (states[:, model.width :] - model.latent.mean) ** 2))
     if model.prior is not None:
         objective += float(np.sum(model.prior.precision * (estimate.coefficients - model.prior.mean) ** 2))
     objective += deviance
@@ -348,7 +348,7 @@ def _eliminate_with_drift(
     )
     information, gradient = joint.information.copy(), joint.gradient.copy()
     information[range(size, len(gradient)), range(size, len(gradient))] += 1
-    gradient[size:] += (states[begins, width:] / drift).ravel()
+    gradient[size:] += ((states[begins, width:] - model.latent.mean) / drift).ravel()
     right = np.column_stack([information[size:, :size], gradient[size:]])
     solved = -np.linalg.solve(information[size:, size:], right)  # How the drift moves, by coefficients and at these
     moves = np.einsum("nap,pc->nac", joint.state_sensitivity[:, :, size:], solved)

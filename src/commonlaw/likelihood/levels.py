@@ -179,7 +179,7 @@ class Deviations:
         typical = with_typical(trial.noise, errors.noise_of(trial.object, noise))
         white = errors.white_std(self.reference, typical) * trial.averaging
         std = white if self.weights is None else white / np.sqrt(self.weights)
-        z, slopes = self.values - trial.states, self.slopes
+        z, slopes = self.values + errors.mean(trial.elapsed) - trial.states, self.slopes
         if errors.latent.are_measured:
             slopes, std = None if slopes is None else slopes.copy(), std.copy()
             for k, innovations in enumerate(self._innovations(std, errors)):
@@ -341,7 +341,11 @@ def likeliest_levels(
 
     bounds = level_bounds(model, scales, floor, np.where(known, noise, np.nan))
     starts = level_starts(model, noise, *bounds) if first is None else [np.clip(np.log(first), *bounds)]
-    return np.asarray(np.exp(minimum(value, min(starts, key=value), *bounds)))
+    return np.asarray(
+        np.exp(
+            least(value, model, starts, *bounds, m, sum(int(trial.seen.sum()) for fit in fits for trial in fit.trials))
+        )
+    )
 
 
 def covariance_by_levels(
@@ -427,14 +431,18 @@ def scales_of(std: Floats, trials: Sequence[Trial]) -> Scales:
     return Scales(std, np.zeros(len(std)), step, duration, MIN_NOISE, 0.0, len(trials))
 
 
-def free_levels(errors: ErrorModel, scales: Scales) -> int:
-    """Return the number of levels of errors above their lower bounds, which stand for no such errors, and of times."""
+def free_levels(errors: ErrorModel, scales: Scales) -> Bools:
+    """Return which levels of errors are above their lower bounds, which stand for no such errors, and times of those.
+
+    Shape (levels and times,).
+    """
     values, model = errors.levels, ERRORS[errors.kind]
     levels = len(values) - model.correlation_times
-    if levels <= 0:
-        return 0
-    free = int((values[:levels] > 1.001 * model.bounds(scales)[0][:levels]).sum())
-    return free + (model.correlation_times if free else 0)
+    result = np.zeros(len(values), dtype=np.bool_)
+    if levels > 0:
+        result[:levels] = values[:levels] > 1.001 * model.bounds(scales)[0][:levels]
+        result[levels:] = result.any()
+    return result
 
 
 def level_bounds(model: AbstractErrors, scales: Scales, floor: Floats, known: Floats) -> tuple[Floats, Floats]:
@@ -450,6 +458,33 @@ def level_starts(model: AbstractErrors, noise: Floats, low: Floats, high: Floats
     """Return first values of the same logarithms, at the present noise, shape (m,)."""
     logs, m = np.log(noise), len(noise)
     return [np.clip([*logs, *others], low, high) for others in model.starts(logs, low[m:], high[m:])]
+
+
+def least(
+    value: Callable[[Floats], float],
+    model: AbstractErrors,
+    starts: Sequence[Floats],
+    low: Floats,
+    high: Floats,
+    m: int,
+    count: int,
+) -> Floats:
+    """Return the logarithms of m levels of noise and of others of least value within bounds, from the best start.
+
+    Levels that are means stay at their bounds unless they gain log n, for so many measurements as are counted.
+    """
+
+    def reached(start: Floats) -> Floats:
+        return minimum(value, start, low, np.append(high[:m], model.highest(start[m:], low[m:], high[m:])))
+
+    optimum = reached(min(starts, key=value))
+    for k in model.means(len(low) - m):
+        if optimum[m + k] > low[m + k]:
+            without = optimum.copy()
+            without[m + k] = low[m + k]
+            without = reached(without)
+            optimum = without if value(without) < value(optimum) + np.log(max(count, 2)) else optimum
+    return optimum
 
 
 def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: Floats) -> Floats:

@@ -241,7 +241,8 @@ def _whitened(
     if failed:
         raise NotPositiveError
     white, _ = lapack.dtbtrs(factor, rows, uplo="L")
-    white, of_drift = _without_drift(white, drift.shape[2], np.repeat(mesh.first[:-1], defects.shape[1]))
+    means = np.zeros(0) if model.latent.drift is None else model.latent.mean / model.latent.drift
+    white, of_drift = _without_drift(white, means, np.repeat(mesh.first[:-1], defects.shape[1]))
     before = starts.shape[2]
     white = np.column_stack([white[:, :before], white[:, before:-1] @ triangle, white[:, -1]])
     # From the density of defects to that of the states at the end of each step
@@ -250,17 +251,19 @@ def _whitened(
     return np.asfortranarray(white[np.repeat(mesh.contiguous, linear.defects.shape[1])]), log_determinant
 
 
-def _without_drift(rows: Floats, count: int, begins: Bools) -> tuple[Floats, float]:
-    """Return the rows of a mesh without their first columns, `count`, and the log-determinant of their covariance.
+def _without_drift(rows: Floats, means: Floats, begins: Bools) -> tuple[Floats, float]:
+    """Return the rows of a mesh without their first columns, and the log-determinant of the covariance by these.
 
-    These are the standard normal numbers of a drift, of each segment, in rows of unit covariance. Rotations in the
-    order of rows leave their innovations (recursive least squares; Gentleman 1973).
+    They are the numbers of a drift of each segment, of unit variance and of given means, shape (q,), in rows of unit
+    covariance. Rotations in the order of rows leave their innovations (recursive least squares; Gentleman 1973).
     """
+    count = len(means)
     if not count:
         return rows, 0.0
     rotated, total = rows.copy(), 0.0
     for first, last in pairwise([*np.flatnonzero(begins & ~np.append(False, begins[:-1])), len(rows)]):
         factor = np.eye(count, rows.shape[1])
+        factor[:, -1] = means
         for row in rotated[first:last]:
             for k in range(count):
                 size = np.hypot(factor[k, k], row[k])

@@ -36,7 +36,7 @@ class LatentProcesses:
     standard deviation after a unit of time. A force on the highest derivatives (Matern process of smoothness 3/2) has
     the standard deviation `force`, shape (d,), and the length scale `force_time`. A drift, without other processes,
     is the error ``b0 + b1 t`` for the time t since the first point of each segment, and its slope b1, with standard
-    deviations `offset` of b0 and `slope` of b1, shape (d,) each.
+    deviations `offset` of b0 and `slope` of b1, whose mean is `trend`, shape (d,) each.
     """
 
     correlated: Floats | None = None
@@ -45,6 +45,7 @@ class LatentProcesses:
     force_time: float = np.inf
     offset: Floats | None = None
     slope: Floats | None = None
+    trend: Floats | None = None
 
     @property
     def width(self) -> int:
@@ -76,6 +77,14 @@ class LatentProcesses:
         if self.force is not None:
             levels += [self.force, np.sqrt(3) / self.force_time * self.force]
         return np.concatenate([np.zeros(0), *levels])
+
+    @property
+    def mean(self) -> Floats:
+        """The means of all processes at first points, shape (w,), zero but for the slopes of a drift."""
+        result = np.zeros(self.width)
+        if self.trend is not None:
+            result[-len(self.trend) :] = self.trend
+        return result
 
     @property
     def walks(self) -> bool:

@@ -244,6 +244,7 @@ def _errors(case: Summary) -> Iterator[Block]:
             (f"random walk in one {unit or f'unit of {schema.time}'}", errors.sensor_walk),
             ("drift at first", errors.offset),
             (f"drift per {unit or f'unit of {schema.time}'}", errors.slope),
+            (f"mean drift per {unit or f'unit of {schema.time}'}", errors.trend),
         )
         levels = [f"{kind} of {levels_in_words(std, schema)}" for kind, std in kinds if std is not None]
         levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]

@@ -92,8 +92,8 @@ class NoisePrior:
     Repeats in `objects` add their pure error. Neighbouring differences hardly see a drift. Levels above their lower
     bounds cost log n each, and so does their time (BIC): at these bounds they stand for no such errors. Those of a
     drift cost the log of the number of trials, each of which has one offset and one slope (BIC of mixed-effects
-    models; Delattre, Lavielle and Poursat 2014); for those of objects see `cost_of_scatter`. There are n = `count`
-    measured numbers, with a `freedom` before coefficients are fitted.
+    models; Delattre, Lavielle and Poursat 2014), and its mean slopes log n; for those of objects see
+    `cost_of_scatter`. There are n = `count` measured numbers, with a `freedom` before coefficients are fitted.
     """
 
     count: int
@@ -134,8 +134,11 @@ class NoisePrior:
 
     def of_levels(self, errors: ErrorModel) -> float:
         """Return minus twice the log prior of levels and times of errors besides white noise."""
-        numbers = self.scales.trials if ERRORS[errors.kind].is_of_trials else self.count
-        penalty = free_levels(errors, self.scales) * float(np.log(max(numbers, 2)))
+        is_free = free_levels(errors, self.scales)
+        model = ERRORS[errors.kind]
+        numbers = np.full(len(is_free), self.scales.trials if model.is_of_trials else self.count)
+        numbers[model.means(len(is_free))] = self.count
+        penalty = float(np.log(np.maximum(numbers, 2)[is_free]).sum())
         counts = np.array([of_object.counts for of_object in self.objects.values()])
         factors = np.array([errors.noise_of(owner, np.ones(counts.shape[1])) for owner in self.objects])
         for column, of_objects in zip(factors.T, counts.T, strict=True):

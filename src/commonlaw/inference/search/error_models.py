@@ -30,7 +30,7 @@ from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.search.strange_objects import outcomes_of_misfit
 from commonlaw.law import Step
 from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError
-from commonlaw.likelihood.levels import free_levels, level_bounds, level_starts, minimum
+from commonlaw.likelihood.levels import free_levels, least, level_bounds, level_starts
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 from commonlaw.text import counted
@@ -240,7 +240,7 @@ def is_white(fit: Fit) -> bool:
     errors, scales = fit.problem.errors, fit.problem.noise_prior.scales
     if fit.has_model_error:
         return not model_error_penalty(fit.problem, fit.model_error)
-    return fit.errors == "white" or (errors.levels.size > 0 and not free_levels(errors, scales))
+    return fit.errors == "white" or (errors.levels.size > 0 and not free_levels(errors, scales).any())
 
 
 def _alternate(fit: Fit, progress: ProgressCallback) -> Pool:
@@ -370,7 +370,7 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
         total = evidence + prior + log_determinant + subset.noise_prior.penalty(noise, errors, relative)
         return total if np.isfinite(total) else 1e12
 
-    optimum = minimum(value, min(starts, key=value), *bounds)
+    optimum = least(value, model, starts, *bounds, d, measured)
     _, errors, model_error = levels(optimum)
     cost = problem.noise_prior.of_levels(errors) + model_error_penalty(problem, model_error)
     needed = cost * measured / sum(problem.measured) + settings.SAME_DEVIANCE

@@ -130,12 +130,16 @@ def _misfit(weights: Floats, parts: Sequence[Misfit | None]) -> Misfit | None:
 
 
 def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
-    """Return the error model of all parts; correlation times are means over the parts that have them."""
+    """Return the error model of all parts; correlation times are means over the parts that have them.
+
+    Slopes of drifts are about zero: their means are those of one part.
+    """
     kinds = dict.fromkeys(kind for part in parts for kind in part.heteroscedastic)
     grown = {kind: _root_mean_square(weights, [part.heteroscedastic.get(kind) for part in parts]) for kind in kinds}
-    correlated, force, walk, sensor_walk, offset, slope = (
+    slopes = [None if part.slope is None else part.root_mean_square_slope for part in parts]
+    correlated, force, walk, sensor_walk, offset = (
         _root_mean_square(weights, [getattr(part, kind) for part in parts])
-        for kind in ("correlated", "force", "walk", "sensor_walk", "offset", "slope")
+        for kind in ("correlated", "force", "walk", "sensor_walk", "offset")
     )
     return ErrorModel(
         {kind: level for kind, level in grown.items() if level is not None},
@@ -144,7 +148,7 @@ def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
         walk=walk,
         sensor_walk=sensor_walk,
         offset=offset,
-        slope=slope,
+        slope=_root_mean_square(weights, slopes),
         memory=_mean(weights, [part.memory for part in parts]),
         force_time=_mean(weights, [part.force_time for part in parts]),
     )
