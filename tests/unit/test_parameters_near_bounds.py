@@ -52,3 +52,24 @@ def test_a_law_without_a_fit_by_collocation_is_fitted_by_shooting():
     law = cl.fit("s' = -V s/(K + s); K > 0", trials, errors="white")
     assert law.scheme == "shooting"
     assert law.params.set_index("parameter").estimate["V"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_next_to_a_bound_errors_of_others_are_those_of_the_whole_likelihood():
+    """Moments of V about its estimate, by the exact likelihood on a grid of V and K, each start at its best value."""
+    states = measured(3)
+    law = cl.fit("s' = -V s/(K + s); K > 0", cl.Trials.from_arrays([TIMES] * 2, states, names=["s"]), errors="white")
+    (limit,) = law.uncertainty.limits
+    assert (limit.parameter, limit.is_lower) == ("K", False)
+    found, noise = law.params.set_index("parameter").loc["V"], law.uncertainty.noise[0]
+    velocities, constants = np.linspace(0.92, 1.06, 57), np.linspace(0.0005, 0.12, 40)
+    costs = np.zeros((len(velocities), len(constants)))
+    for i, velocity in enumerate(velocities):
+        for j, constant in enumerate(constants):
+            for start, values in zip(STARTS, states, strict=True):
+                starts = start + np.linspace(-0.1, 0.1, 41)
+                curves = np.array([substrate(begin, velocity, constant) for begin in starts])
+                costs[i, j] += np.min(np.sum((curves - values) ** 2, axis=1)) / noise**2
+    weights = np.exp((costs.min() - costs) / 2).sum(axis=1)
+    moment = np.sqrt(weights @ (velocities - found.estimate) ** 2 / weights.sum())
+    assert found["standard error"] == pytest.approx(moment, rel=0.3)
+    assert moment > 1.5 * 0.0075  # Given K

@@ -13,7 +13,7 @@ from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, NoiseGiven, beginning_of
 from commonlaw.estimation.interchange import EqualMaximum, latent_states, with_fastest_latent_states
-from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, OneSided, one_sided
+from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, OneSided, moments_along, one_sided
 from commonlaw.estimation.problem import NormalPrior, Problem
 from commonlaw.estimation.search import (
     DRAWS,
@@ -303,9 +303,12 @@ def _vague(begun: Beginning, optimum: Optimum) -> Indices:
 def _with_limits(begun: Beginning, optimum: Optimum) -> tuple[Optimum, dict[int, OneSided]]:
     """Return limits of the parameters that have only one, by index, and the optimum given those in the flat part.
 
-    These are held there where standard errors, which are those of a parabola, exceed the estimates.
+    These are held there where standard errors, which are those of a parabola, exceed the estimates, but for those
+    between a limit and a bound: with their profile as weights, covariances of others are those given these, plus second
+    moments along it (law of total variance).
     """
     shared, schema, names = begun.restrictions.shared, begun.trials.schema, begun.unknowns.names
+    bounded = set[int]()
     of_objects = {k for row in begun.unknowns.parameters for k in row if k >= 0}
 
     def vague(share: float) -> list[int]:
@@ -324,8 +327,14 @@ def _with_limits(begun: Beginning, optimum: Optimum) -> tuple[Optimum, dict[int,
         limit = one_sided(problem, optimum.unknowns, optimum.noise, begun.bounds, k, error, degrees)
         if limit is not None:
             limits[k] = limit
+    for k, limit in limits.items():
+        moments = moments_along(problem, optimum.unknowns, optimum.noise, begun.bounds, k, limit)
+        covariance = optimum.covariance
+        if moments is not None and 0 < covariance[k, k] < np.inf:
+            given = covariance - np.outer(covariance[k], covariance[k]) / covariance[k, k]
+            optimum, bounded = replace(optimum, covariance=given + moments), {*bounded, k}
     held, log_likelihood = list[int](), optimum.log_likelihood
-    while beyond := [k for k in vague(1.0) if k in limits and k not in held]:
+    while beyond := [k for k in vague(1.0) if k in limits and k not in held and k not in bounded]:
         unknowns = optimum.unknowns if held else limits[beyond[0]].unknowns
         held.append(beyond[0])
         optimum = summarized(problem, unknowns, optimum.noise, begun.bounds, optimum.starts_alike, held)

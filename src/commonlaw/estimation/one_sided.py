@@ -31,6 +31,9 @@ _DECADES = (0, 1, 2, 3, 4, 5, 7, 10, 15, 20)
 _PRECISION = 0.02
 """Relative, of a limit."""
 
+_POINTS = 12
+"""Values between a bound and a limit, at which the likelihood is integrated."""
+
 _MAX_STEPS = 5000
 """Steps of a solution far from the estimate, where equations may oscillate or grow as fast as one likes."""
 
@@ -148,3 +151,36 @@ def one_sided(
     if limit is not None or sides not in ([], [sign]) or not is_flat(nearest) or is_flat(-nearest):
         return limit
     return limit_from(sign, size / reach, 1)
+
+
+def moments_along(
+    problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, index: int, limit: OneSided
+) -> Floats | None:
+    """Return the second moments of unknowns about their estimates along the profile of one, shape (p, p).
+
+    They are integrals over its values k from its bound to its limit, with the profile likelihood as weights,
+    ``sum_k L(k) (u(k) - u) (u(k) - u)' / sum_k L(k)``: what a ridge adds to the covariances of others at its top.
+    There are none without a bound on the side of the limit that is flat.
+    """
+    bound = float((bounds.high if limit.is_lower else bounds.low)[index])
+    if not np.isfinite(bound):
+        return None
+    indices, part = next(pair for pair in problem.apart() if index in pair[0])
+    start, within, at = unknowns[indices], bounds.of(indices), int(np.searchsorted(indices, index))
+    objective, free = Objective(part, noise), np.arange(len(indices)) != at
+    values = np.sort(bound + (limit.limit - bound) * (np.arange(_POINTS) + 0.5) / _POINTS)
+    nearest = int(np.argmin(abs(values - start[at])))
+    costs, moved = np.full(_POINTS, np.inf), np.zeros((_POINTS, len(start)))
+    for way in (range(nearest, _POINTS), range(nearest - 1, -1, -1)):
+        point = start
+        for k in way:
+            point = np.where(free, point, values[k])
+            point, costs[k] = minimum(objective, point, free, within, tolerance=1e-8, steps=_MAX_EVALUATIONS)
+            moved[k] = point - start
+            point = point if np.isfinite(costs[k]) else start
+    if not np.isfinite(costs).any():
+        return None
+    weights, seen = np.exp((np.min(costs) - costs) / 2), np.isfinite(costs)
+    result = np.zeros((len(unknowns),) * 2)
+    result[np.ix_(indices, indices)] = (moved[seen].T * weights[seen]) @ moved[seen] / float(weights.sum())
+    return result

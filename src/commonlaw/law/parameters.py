@@ -23,7 +23,7 @@ from commonlaw.law.restrictions import ALL, OBJECT, Restrictions
 from commonlaw.law.text import free_parameter_names
 from commonlaw.law.uncertainty import AtBound, OneSidedLimit, PlausibleLaw, Uncertainty
 from commonlaw.library import with_rates
-from commonlaw.library.bounds import bounds_in
+from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.runtime.arguments import numbers_of
 from commonlaw.runtime.forking import cached_property
 
@@ -121,6 +121,17 @@ class Parameters:
             result[place] = True
         return result
 
+    @cached_property
+    def held(self) -> Bools:
+        """Those of them whose likelihood is flat without end, given which others have errors; the same shape.
+
+        Between a limit and a bound the likelihood is integrated instead, see `commonlaw.estimation.one_sided`.
+        """
+        bounds, result = bounds_in(restrictions_of(self.law).bounds), self.limited.copy()
+        for (o, p), limit in self.limits.items():
+            result[o, p] = not np.isfinite(limits_of(self.names[p], bounds)[1 if limit.is_lower else 0])
+        return result
+
     def beyond_limits(self, name: str) -> Iterator[tuple[Floats, Floats]]:
         """Yield coefficients of an object, (equations, terms), with a parameter at its only limit and far beyond."""
         o = object_index(self.law, name)
@@ -171,26 +182,26 @@ class Parameters:
 
     @cached_property
     def covariance_given_limits(self) -> Floats | None:
-        """Covariance of coefficients in the support given the parameters that have only a limit, shape (objects, p, p).
+        """Covariance of coefficients in the support given the parameters that are `held`, shape (objects, p, p).
 
         Forecasts, draws and errors have it: ``P C P^T``, see `given_limits`. A root of C keeps variances from becoming
         negative where a parameter with a limit has a much larger one.
         """
         covariance = self.law.uncertainty.covariance
-        if covariance is None or not self.limited.any():
+        if covariance is None or not self.held.any():
             return covariance
         root = self.given_limits @ symmetric_root(covariance)
         return np.asarray(root @ root.transpose(0, 2, 1))
 
     @cached_property
     def given_limits(self) -> Floats:
-        """What deviations of coefficients in the support become given the parameters that have only a limit.
+        """What deviations of coefficients in the support become given the parameters that are `held`.
 
         Of each object with the slopes G of these parameters it is ``P = I - C G^T inv(G C G^T) G``, by which
         ``P C P^T = C - C G^T inv(G C G^T) G C``; shape (objects, coefficients, coefficients).
         """
         covariance, unchanged = self.law.uncertainty.known_covariance(), np.eye(int(self.law.support.sum()))
-        slopes = np.where(self.limited[:, :, np.newaxis], self.slopes(self.law.coefficients), 0.0)
+        slopes = np.where(self.held[:, :, np.newaxis], self.slopes(self.law.coefficients), 0.0)
         joint = covariance @ slopes.transpose(0, 2, 1)
         return np.asarray(unchanged - joint @ np.linalg.pinv(np.nan_to_num(slopes @ joint)) @ slopes)
 

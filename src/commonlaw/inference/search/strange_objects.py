@@ -156,7 +156,8 @@ def _contradicting(fit: Fit, most: int, excluded: int) -> Sequence[int]:
     for i, supports in enumerate(candidates):
         is_other = np.array([bool((rival & ~supports).any()) for rival in proposed])
         apart = alone[:, is_other].min(axis=1, initial=np.inf)
-        order = np.argsort(apart - alone[:, i], kind="stable").tolist()
+        gains = np.subtract(apart, alone[:, i], where=np.isfinite(apart), out=np.full(len(apart), np.inf))
+        order = np.argsort(gains, kind="stable").tolist()
         for count in range(1, most + 1):
             chosen = order[:count]
             if not apart[chosen[-1]] < alone[chosen[-1], i]:
