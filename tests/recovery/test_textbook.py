@@ -1,12 +1,17 @@
 """The law of textbooks nearest to a law, with known truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
-from commonlaw.discovery.textbook import outcomes_of_textbook
+from commonlaw.discovery import trajectory_likelihood
+from commonlaw.discovery.textbook import outcomes_of_textbook, with_textbook_laws
+from commonlaw.inference.result.assembly import reported
+from commonlaw.inference.search.error_models import fit_each_kind
 from tests.refusals import refused
 
 COOLING = "T' = -k (T - a) - s T^4"
@@ -171,3 +176,29 @@ def test_the_figure_has_a_panel_for_each_law_and_state(cooled):
     assert [panel.get_title(loc="left") for panel in figure.axes[:2]] == ["chosen law", "Newton's law of cooling"]
     residuals = [np.concatenate([line.get_ydata() for line in panel.lines[1:]]) for panel in figure.axes[:2]]
     assert residuals[1].std() > residuals[0].std()
+
+
+@pytest.mark.parametrize(("wrong", "better"), [(["v", "v^2"], True), (["x", "v", "x^3"], False)])
+def test_a_named_model_that_is_more_probable_comes_first_in_a_pool(wrong, better):
+    times, random, pools = np.linspace(0, 12, 60), np.random.default_rng(4), []
+    states = [start * np.exp(-0.1 * times) * np.cos(2 * times) for start in (1.0, 0.7)]
+    if not better:  # A spring that hardens
+        rates = [lambda _, y: [y[1], -4 * y[0] - 0.2 * y[1] - 2 * y[0] ** 3]]
+        states = [solve_ivp(rates[0], (0, 12), [start, 0], t_eval=times, rtol=1e-9).y[0] for start in (1.0, 0.7)]
+    states = [values + 0.02 * random.standard_normal(60) for values in states]
+
+    def recorded(pool):
+        pools.append(pool)
+        return reported(pool)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trajectory_likelihood, "reported", recorded)
+        cl.discover(cl.Trials.from_arrays([times] * 2, states, names=["x"]), order=2, library="poly:3", cache=False)
+    (pool,) = pools
+    problem = pool.best.problem
+    names = [*problem.terms.names]
+    (chosen,) = fit_each_kind(problem, np.isin([names], wrong), ("white",))
+    best = with_textbook_laws(replace(pool, fits=(chosen,))).best
+    assert [name for name, inside in zip(names, best.supports[0], strict=True) if inside] == (
+        ["x", "v"] if better else wrong
+    )

@@ -19,11 +19,15 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import law_variables
 from commonlaw.inference import settings
 from commonlaw.inference.fit.convergence import converged
-from commonlaw.inference.fit.final_score import score_of_fit
-from commonlaw.inference.fit.fit import Fit, linearized_evidence
+from commonlaw.inference.fit.covariance import fitted_law
+from commonlaw.inference.fit.final_score import final, score_of_fit
+from commonlaw.inference.fit.fit import PLAUSIBLE, Fit, linearized_evidence
+from commonlaw.inference.fit.initial_condition_prior import InitialConditionPrior
+from commonlaw.inference.score.score import Kind
 from commonlaw.inference.score.supports import SupportEvidence, shifted
-from commonlaw.inference.search.error_models import with_error_models
+from commonlaw.inference.search.error_models import fit_each_kind, with_error_models
 from commonlaw.inference.search.law_search import fit_terms
+from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, RefitOptions
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
@@ -267,6 +271,49 @@ def outcomes_of_textbook(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     probable = "more probable" if nearest.evidence < -AS_GOOD else "about as probable"
     evidence = f"2 log B = {_rounded(abs(nearest.evidence))} {'against' if nearest.evidence > 0 else 'for'} it"
     return (note("textbook-law-as-good", title=title, equations=equations, probable=probable, evidence=evidence),)
+
+
+@unannounced()
+def with_textbook_laws(pool: Pool) -> Pool:
+    """Return a pool in which named models that are more probable than its best law come first, the best of them.
+
+    A search moves from law to law; where coefficients of single objects run away, it does not come by one that is
+    fitted from the measurements. Named models of terms of the library have the error model of the law, and the prior of
+    their terms.
+    """
+    best = pool.best
+    problem, law = best.problem, fitted_law(best.problem.law, best)
+    terms, measured = problem.terms, sum(problem.measured)
+    if not _is_comparable(law) or terms.variables.parameters or best.score.kind is not Kind.EVIDENCE:
+        return pool
+    candidates = _candidates(law)
+    if any(candidate.is_free for candidate in _of_terms(law, candidates)):
+        return pool
+    named = list[tuple[float, Bools, list[_Candidate]]]()
+    for places, alike in candidates.items():
+        known = [candidate for candidate in alike if candidate.is_free and _has_units(candidate, law.schema)]
+        if known and all(term in terms.terms for _, term in places):
+            supports = np.zeros(problem.allowed.shape, dtype=np.bool_)
+            for j, term in places:
+                supports[j, terms.terms.index(term)] = True
+            if not (supports & ~problem.allowed).any():
+                named.append((best.evidence.value(supports) - best.evidence.value(best.supports), supports, known))
+    near = sorted((entry for entry in named if entry[0] < measured), key=lambda entry: entry[0])[:_MAX_FITTED]
+    fits = [
+        fit
+        for _, supports, known in near
+        for fit in fit_each_kind(problem, supports, (best.errors,))
+        if _of_signs(known, np.array([estimate.coefficients for estimate in fit.estimates]), terms)
+    ]
+    if "scatter of starts" in best.score.parts:
+        prior = InitialConditionPrior(best)
+        fits = [fit.with_score(fit.score.plus("scatter of starts", prior.correction(fit))) for fit in fits]
+    nearest = min(fits, default=None)
+    # Of a plausible law, as scores of a search are off those of converged fits by less than strong evidence
+    if nearest is None or nearest.score - best.score > PLAUSIBLE + settings.STRONG:
+        return pool
+    ahead = final(nearest)[0].score - final(best)[0].score
+    return pool.joined(nearest.with_score(best.score.plus("refit", ahead))) if ahead < 0 else pool
 
 
 def has_textbook_laws(law: Law) -> bool:

@@ -12,6 +12,7 @@ A candidate is the `Pool` of the fits of one order. This is all that is chosen, 
     order             evidence of converged fits                          `law_of_best_order`
     strange objects   the same, where the law has richer terms            `with_objects_apart`
     support           the first by linearized evidence, if it fits best   `with_leading_support`
+    textbook law      evidence of converged fits                          `with_textbook_laws`
     forecaster        held-out forecasts, if the errors are too large     `best_forecaster`
 
 `candidate_search` has the steps of one order, and `inference.result.assembly` makes the law of the last pool.
@@ -36,6 +37,7 @@ from commonlaw.discovery.orders import (
     with_order_step,
 )
 from commonlaw.discovery.strange_objects import with_objects_apart, with_strange_objects, without_strange_objects
+from commonlaw.discovery.textbook import with_textbook_laws
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine, settings
 from commonlaw.inference.fit.final_score import final
@@ -307,7 +309,7 @@ def _law(search: CandidateSearch, best: Candidate) -> tuple[Law, Score]:
     def pooled(law: Law) -> Law:
         return pool_objects(law, shared(law), options.partial_pooling)
 
-    pool, errors = best_forecaster(with_leading_support(best.pool), kinds, pooled, progress)
+    pool, errors = best_forecaster(with_textbook_laws(with_leading_support(best.pool)), kinds, pooled, progress)
     progress("computing standard errors and inclusion probabilities")
     printed, is_converged = reported(pool)
     law = assemble(

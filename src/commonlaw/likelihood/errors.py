@@ -341,7 +341,8 @@ class SensorWalk(AbstractErrors):
 class Drift(AbstractErrors):
     """An offset and a slope in time of the measurements of each trial: ``b0 + b1 t`` from its first sample on.
 
-    Both are normal. The mean slope of trials is that upwards less that downwards, of which one is next to nothing.
+    Both are normal. The mean slope of several trials is that upwards less that downwards, of which one is next to
+    nothing; of a single trial it would be no error but a term in time, and is zero.
     """
 
     label = "a drift of the sensor"
@@ -356,7 +357,9 @@ class Drift(AbstractErrors):
     def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
         slopes = scales.states / scales.duration
         largest = np.concatenate([scales.states, slopes, *[np.sqrt(12) * slopes] * 2])  # Lines with that SD
-        return scales.least * largest, largest
+        low = scales.least * largest
+        of_one = scales.trials == 1 and np.isin(np.arange(len(low)), self.means(len(low)))
+        return low, np.where(of_one, low, largest)
 
     def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
         signs = product((False, True), repeat=len(low) // 4)
