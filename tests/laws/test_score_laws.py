@@ -96,6 +96,12 @@ def test_an_order_has_the_bayes_factor_of_the_law_that_is_printed():
     assert "order-not-identifiable" not in [diagnostic.code for diagnostic in law.diagnostics]
 
 
+def test_the_law_that_is_printed_is_the_best_of_its_pool(discovered):
+    *_, printed = discovered
+    others = [fit for fit in (*printed.best.alternatives, *printed.rivals) if fit.is_solved]
+    assert all(printed.best.score - fit.score < 0.1 for fit in others)
+
+
 def test_a_random_walk_has_one_score_on_all_meshes():
     times, random = np.linspace(0, 6, 40), np.random.default_rng(5)
     walk = 0.02 * np.cumsum(random.standard_normal(40)) + 0.01 * random.standard_normal(40)

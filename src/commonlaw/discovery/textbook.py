@@ -313,7 +313,10 @@ def with_textbook_laws(pool: Pool) -> Pool:
     if nearest is None or nearest.score - best.score > PLAUSIBLE + settings.STRONG:
         return pool
     ahead = final(nearest)[0].score - final(best)[0].score
-    return pool.joined(nearest.with_score(best.score.plus("refit", ahead))) if ahead < 0 else pool
+    if not ahead < 0:
+        return pool
+    more = ahead - (nearest.score - best.score)
+    return pool.joined(nearest.with_score(nearest.score.plus("refit", more)))
 
 
 def has_textbook_laws(law: Law) -> bool:

@@ -23,9 +23,11 @@ from commonlaw.inference.fit.annealing import (
     with_neighbours,
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
+from commonlaw.inference.fit.final_score import final
 from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, NO_MODEL_ERROR, Fit, best_fit
 from commonlaw.inference.fit.lack_of_fit import with_heteroscedastic_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
+from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, possible_interpolations, with_interpolation
 from commonlaw.law import Step
@@ -179,12 +181,30 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
 
 
 def with_leading_support(pool: Pool) -> Pool:
-    """Return a pool whose best has the supports that its linearization ranks first, if these have a better fit."""
+    """Return a pool whose best has the supports that its linearization ranks first, if these have a better fit.
+
+    Of those that are nearly as probable, that comes first whose fit is best as it is reported.
+    """
     if pool.best.problem.solver is None:
         return pool
     fit = refit_leading(pool.best)
     same = np.array_equal(fit.supports, pool.best.supports)
-    return pool.with_best(fit if same else rescale_noise(fit))
+    return pool.with_best(_best_as_reported(fit if same else rescale_noise(fit)))
+
+
+def _best_as_reported(fit: Fit) -> Fit:
+    """Return the best of a fit and its alternatives, if the evidence against these is not strong, see `final`."""
+    near = [other for other in fit.alternatives if other.score - fit.score < settings.STRONG and other.is_resolved]
+    if not near or fit.score.kind is not Kind.EVIDENCE:
+        return fit
+    scores = [(done.score.total, other) for other in near for done, is_converged in [final(other)] if is_converged]
+    least, best = min(scores, key=lambda pair: pair[0], default=(np.inf, fit))
+    done, _ = final(fit)
+    if not least < done.score.total - settings.SAME_DEVIANCE:
+        return fit
+    more = least - done.score.total - (best.score - fit.score)
+    others = [other for other in (fit, *fit.alternatives) if other is not best]
+    return best.with_score(best.score.plus("refit", more)).with_alternatives(others)
 
 
 def _search_subsets(problem: SearchProblem, smaller: Sequence[SearchProblem], progress: ProgressCallback) -> list[Fit]:
