@@ -202,7 +202,7 @@ def test_every_kind_of_errors_has_a_class():
 
 @pytest.mark.parametrize("kind", ERRORS)
 def test_levels_and_times_begin_between_their_bounds_and_make_errors_of_their_kind(kind):
-    scales = Scales(np.array([2.0, 3.0]), np.array([1.0, 5.0]), 0.1, 8.0, 1e-4, 0.03)
+    scales = Scales(np.array([2.0, 3.0]), np.array([1.0, 5.0]), 0.1, 8.0, 1e-4, 0.03, trials=2)
     low, high = ERRORS[kind].bounds(scales)
     assert np.all(low < high)
     starts = ERRORS[kind].starts(np.log([0.1, 0.2]), np.log(low), np.log(high))

@@ -92,6 +92,7 @@ RIGHT_OF = {
     "library.parse_library": {"given": lambda _: "poly:1"},
     "plots.plot_design": {"design": lambda _: cl.design(law(), {"x": (0.5, 2.0)}, trials=TRIALS, points=16)},
     "plots.plot_discrepancy": {"found": lambda _: law().discrepancy(TRIALS)},
+    "plots.plot_textbook": {"textbook": lambda _: law().textbook(TRIALS)},
     "datasets.load": {"name": lambda _: "lorenz"},
     "plots.save_figure": {"figure": lambda _: cl.plots.plot_trials(TRIALS), "path": lambda folder: folder / "x.svg"},
     "plots.render": {"figure": lambda _: cl.plots.plot_trials(TRIALS), "path": lambda folder: folder / "x.svg"},

@@ -279,12 +279,14 @@ def with_textbook_laws(pool: Pool) -> Pool:
 
     A search moves from law to law; where coefficients of single objects run away, it does not come by one that is
     fitted from the measurements. Named models of terms of the library have the error model of the law, and the prior of
-    their terms.
+    their terms. There are none of measurements that are noise alone, or do not identify the noise.
     """
     best = pool.best
     problem, law = best.problem, fitted_law(best.problem.law, best)
     terms, measured = problem.terms, sum(problem.measured)
     if not _is_comparable(law) or terms.variables.parameters or best.score.kind is not Kind.EVIDENCE:
+        return pool
+    if not (best.size or best.has_process_noise):
         return pool
     candidates = _candidates(law)
     if any(candidate.is_free for candidate in _of_terms(law, candidates)):
@@ -296,7 +298,9 @@ def with_textbook_laws(pool: Pool) -> Pool:
             supports = np.zeros(problem.allowed.shape, dtype=np.bool_)
             for j, term in places:
                 supports[j, terms.terms.index(term)] = True
-            if not (supports & ~problem.allowed).any():
+            is_determined = problem.is_determined(int(supports.sum()) * len(problem.models))
+            is_noise_identified = problem.noise_is_identifiable or is_determined
+            if is_noise_identified and not (supports & ~problem.allowed).any():
                 named.append((best.evidence.value(supports) - best.evidence.value(best.supports), supports, known))
     near = sorted((entry for entry in named if entry[0] < measured), key=lambda entry: entry[0])[:_MAX_FITTED]
     fits = [
