@@ -194,16 +194,25 @@ def with_leading_support(pool: Pool) -> Pool:
 
 def _best_as_reported(fit: Fit) -> Fit:
     """Return the best of a fit and its alternatives, if the evidence against these is not strong, see `final`."""
-    near = [other for other in fit.alternatives if other.score - fit.score < settings.STRONG and other.is_resolved]
+    near = [
+        alternative
+        for alternative in fit.alternatives
+        if alternative.score - fit.score < settings.STRONG and alternative.is_resolved
+    ]
     if not near or fit.score.kind is not Kind.EVIDENCE:
         return fit
-    scores = [(done.score.total, other) for other in near for done, is_converged in [final(other)] if is_converged]
+    scores = [
+        (done.score.total, alternative)
+        for alternative in near
+        for done, is_converged in [final(alternative)]
+        if is_converged
+    ]
     least, best = min(scores, key=lambda pair: pair[0], default=(np.inf, fit))
     done, _ = final(fit)
     if not least < done.score.total - settings.SAME_DEVIANCE:
         return fit
     more = least - done.score.total - (best.score - fit.score)
-    others = [other for other in (fit, *fit.alternatives) if other is not best]
+    others = [alternative for alternative in (fit, *fit.alternatives) if alternative is not best]
     return best.with_score(best.score.plus("refit", more)).with_alternatives(others)
 
 
