@@ -216,7 +216,8 @@ def best_forecaster(
     """
     errors_of_best = standardized_errors(pool.best, pooled)
     is_off = _are_forecasts_off(pool.best, errors_of_best)
-    is_idle = pool.best.has_process_noise and _no_better_than_last(errors_of_best)
+    # Without terms it is the last value that is forecast
+    is_idle = pool.best.has_process_noise and (not pool.best.size or _no_better_than_last(errors_of_best))
     if not (is_off or is_idle or (pool.best.has_process_noise and _deterministic(pool))):
         return pool, errors_of_best
     progress("comparing forecasts of held-out data")
