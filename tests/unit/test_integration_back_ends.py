@@ -344,10 +344,11 @@ def test_a_grid_ends_where_all_but_a_rounding_error_of_the_time_is_done():
     assert rows.ravel().tolist() == [1.0, 2.0, 3.0]
 
 
-@pytest.mark.skipif("heyoka" not in METHODS, reason="needs heyoka")
-def test_integration_ends_at_a_pole_where_steps_are_too_short_for_time_to_pass():
+@pytest.mark.parametrize("method", METHODS)
+def test_integration_ends_at_a_pole_where_steps_are_too_short_for_time_to_pass(method):
     law = cl.Law.from_text("x' = (a + b x)/(K + x)", {"a": 376.20564098, "b": -9.61150563, "K": -50.18253575})
-    options = {"tolerance": 1e-6, "sensitivities": True, "method": "heyoka"}
+    options = {"tolerance": 1e-6, "sensitivities": True, "method": method}
     (path,) = law.simulate(np.linspace(0, 6, 40), [50.27012203], **options).values()
     assert path.ended == pytest.approx(3.5953e-5, rel=1e-3)
-    assert path.outcome.code == "not-integrated"
+    # SciPy sees states run away before steps vanish, and so does a choice between both
+    assert path.outcome.code == ("not-integrated" if method == "heyoka" else "diverged")
