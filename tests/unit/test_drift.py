@@ -8,6 +8,7 @@ import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ErrorModel
 from commonlaw.likelihood.levels import DriftInnovations
+from tests.unit.estimates import relaxation
 
 K = 0.5
 """The known rate of a relaxation ``x' = a - k x``, whose solutions are linear in their start and in a."""
@@ -32,17 +33,7 @@ def regression(measured, times, levels):
     """
     *levels, trend = *np.exp(levels[:3]), levels[3]
     measured = measured - trend * times
-    trials, decay = len(measured), np.exp(-K * times)
-    root = np.linalg.inv(np.linalg.cholesky(covariance(times, *levels)))
-    columns = np.zeros((trials, len(times), trials + 1))
-    columns[range(trials), :, range(trials)] = decay
-    columns[:, :, -1] = (1 - decay) / K
-    rows, target = (root @ columns).reshape(-1, trials + 1), (measured @ root.T).ravel()
-    information = rows.T @ rows
-    estimate = np.linalg.solve(information, rows.T @ target)
-    squares = float(np.sum((target - rows @ estimate) ** 2))
-    determinants = np.linalg.slogdet(information)[1] - 2 * trials * np.linalg.slogdet(root)[1]
-    return squares + determinants, estimate[-1], np.sqrt(np.linalg.inv(information)[-1, -1])
+    return relaxation(measured, times, K, covariance(times, *levels))
 
 
 def error_by_levels(measured, times, levels, step=0.02):

@@ -8,6 +8,7 @@ import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ErrorModel
 from commonlaw.likelihood.levels import Innovations
+from tests.unit.estimates import relaxation
 
 K = 0.5
 """The known rate of a relaxation ``x' = a - k x``, whose solutions are linear in their start and in a."""
@@ -27,17 +28,7 @@ def covariance(elapsed, noise, level):
 
 def regression(measured, elapsed, levels):
     """Minus twice the restricted log-likelihood, and the estimate of a with its standard error, by all starts."""
-    trials, decay = len(measured), np.exp(-K * elapsed)
-    root = np.linalg.inv(np.linalg.cholesky(covariance(elapsed, *levels)))
-    columns = np.zeros((trials, len(elapsed), trials + 1))
-    columns[range(trials), :, range(trials)] = decay
-    columns[:, :, -1] = (1 - decay) / K
-    rows, target = (root @ columns).reshape(-1, trials + 1), (measured @ root.T).ravel()
-    information = rows.T @ rows
-    estimate = np.linalg.solve(information, rows.T @ target)
-    squares = float(np.sum((target - rows @ estimate) ** 2))
-    determinants = np.linalg.slogdet(information)[1] - 2 * trials * np.linalg.slogdet(root)[1]
-    return squares + determinants, estimate[-1], np.sqrt(np.linalg.inv(information)[-1, -1])
+    return relaxation(measured, elapsed, K, covariance(elapsed, *levels))
 
 
 def test_innovations_are_those_of_a_cholesky_factor():
