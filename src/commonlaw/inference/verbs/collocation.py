@@ -80,7 +80,8 @@ class CollocationFit(AbstractFit):
         result = refined(with_equations(law, equations) if equations else law, trials, options, progress)
         refused, of_law = refused_settings(options.changed), result.uncertainty.error_model.of_law
         if not is_within(result, bounds):
-            refuse_outside(result, bounds, refused) if refused else None
+            if refused:
+                refuse_outside(result, bounds, refused)
             return ShootingFit(result).refitted(trials, options, progress)
         if is_near(result, bounds) and not refused and not of_law:
             return ShootingFit(result).refitted(trials, options, progress)
