@@ -167,7 +167,7 @@ class ProductLibrary(AbstractLibrary):
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         products = (
-            nonlinear.times(term, variables)
+            nonlinear.times(term)
             for plain, others in ((self.left, self.right), (self.right, self.left))
             for nonlinear in others.parametric(variables)
             for term in plain.bind(variables).terms

@@ -14,7 +14,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.library.equation import split_equations, with_parameters
 from commonlaw.library.notation import quoted
-from commonlaw.library.term import Term, parse_term
+from commonlaw.library.term import Term, parse_term, product
 from commonlaw.library.variables import Variables
 
 
@@ -53,11 +53,9 @@ class ParametricTerm:
         """Return the terms that a law has for `parse_term`, with other names of their parameters."""
         return [part.term.expression((*variables.measured, *parameters)) for part in self.parts]
 
-    def times(self, factor: Term, variables: Variables) -> "ParametricTerm":
+    def times(self, factor: Term) -> "ParametricTerm":
         """Return the product with a plain term."""
-        expression = self.term.expression((*variables.names, *self.parameters))
-        product = parametric_term(f"({factor.expression(variables.names)})*({expression})", variables)
-        return replace(product, tied=tuple(part.times(factor, variables) for part in self.tied))
+        return replace(self, term=product(factor, self.term), tied=tuple(part.times(factor) for part in self.tied))
 
 
 @dataclass(frozen=True)
@@ -164,7 +162,10 @@ def parameters_in(expression: str, variables: Variables) -> tuple[str, ...]:
 @lru_cache(maxsize=4096)
 def parametric_term(expression: str, variables: Variables) -> ParametricTerm:
     """Return the term of an expression, see `parse_term`, in which other names than variables are parameters."""
-    parameters = parameters_in(expression, variables)
+    return _read(expression, variables, parameters_in(expression, variables))
+
+
+def _read(expression: str, variables: Variables, parameters: tuple[str, ...]) -> ParametricTerm:
     whole = replace(variables, parameters=(*variables.parameters, *parameters))
     return ParametricTerm(parse_term(expression, whole), parameters)
 
@@ -275,11 +276,12 @@ _PARAMETER_NAMES = "KLMNPQRSTUVW"
 _ANY = Variables(("u_", "w_"))
 
 
+@lru_cache(maxsize=4096)
 def _of(text: str, variables: Variables, names: tuple[str, str]) -> ParametricTerm:
     """Return a function of a family of variables of these names; its parameters have names that are no variables."""
     whole = parametric_term(text.format(u=_ANY.states[0], w=_ANY.states[1]), _ANY)
-    free = [free_name(parameter, variables.names) for parameter in whole.parameters]
-    return parametric_term(whole.term.expression((*names, "", *free)), variables)
+    free = tuple(free_name(parameter, variables.names) for parameter in whole.parameters)
+    return _read(whole.term.expression((*names, "", *free)), variables, free)
 
 
 def free_name(name: str, taken: Sequence[str]) -> str:
