@@ -355,11 +355,11 @@ def patterns_of(
 
 def size_over_noise(count: int, squares: float, spent: float) -> tuple[float, float]:
     """Return the ratio of residuals to the noise, which was estimated from as many, and its p-value (F test)."""
-    from scipy.stats import f
+    from scipy.special import fdtr, fdtrc
 
     free = max(count - spent, 1)
     ratio = squares / free
-    p_value = 2 * min(f.sf(ratio, free, count), f.cdf(ratio, free, count))
+    p_value = 2 * min(fdtrc(free, count, ratio), fdtr(free, count, ratio))
     return float(np.sqrt(ratio)), float(min(p_value, 1.0))
 
 
@@ -371,7 +371,7 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
         yield _trend(trend, sums.count, variable, time)
     for earlier, (count, factor) in zip(names, sums.together, strict=False):
         yield _together(count, factor, earlier)
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     pairs, *_, trials = sums.pairs.tolist()
     share = min(spent / sums.count, 0.9)  # Finite below if parameters outnumber residuals
@@ -380,19 +380,19 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
     total = size * (size + 2) * correlation**2 / pairs if pairs > 1 else 0.0
     positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='autocorrelated'`)"
     negative = "negatively autocorrelated: rounded or differenced samples, or too coarse steps"
-    yield ("autocorrelation", float(correlation), float(chi2.sf(total, 1)), positive if correlation > 0 else negative)
+    yield ("autocorrelation", float(correlation), float(chdtrc(1, total)), positive if correlation > 0 else negative)
     yield _growth(sums, name, spent / sums.count)
     yield _normal(sums)
 
 
 def _trend(trend: Trend, count: int, name: str, time: str) -> Tested:
     """Compare with a polynomial (F test); the statistic is the share of the variance that it explains."""
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     powers, rest, total = trend.explained()
     free = count - powers - 1
     share = 1 - rest / total if total > 0 else 0.0
-    p_value = float(f.sf((total - rest) / powers / (rest / free), powers, free)) if powers and rest > 0 else 1.0
+    p_value = float(fdtrc(powers, free, (total - rest) / powers / (rest / free))) if powers and rest > 0 else 1.0
     if name == time:
         meaning = "an unmodelled change with time, or a transient at the start"
     else:
@@ -402,14 +402,14 @@ def _trend(trend: Trend, count: int, name: str, time: str) -> Tested:
 
 def _together(count: int, factor: Floats, name: str) -> Tested:
     """Correlate with the residuals of another state (Pearson)."""
-    from scipy.stats import beta
+    from scipy.special import betaincc
 
     across, rest = factor[1:, 2].tolist()
     total = np.hypot(across, rest)
     if count < _MIN_RESIDUALS or not (factor[1, 1] and total):
         return (f"correlation with residuals of {name}", 0.0, 1.0, "")
     correlation = float(np.sign(factor[1, 1]) * across / total)
-    p_value = 2 * float(beta.sf(abs(correlation), count / 2 - 1, count / 2 - 1, loc=-1, scale=2))
+    p_value = 2 * float(betaincc(count / 2 - 1, count / 2 - 1, (1 + abs(correlation)) / 2))
     meaning = "a common disturbance or a common measurement error"
     return (f"correlation with residuals of {name}", correlation, p_value, meaning)
 
@@ -419,7 +419,7 @@ def _growth(sums: StateSums, name: str, spent: float) -> Tested:
 
     A fit removes that share of the squares of white noise, unevenly over states: as much growth is not significant.
     """
-    from scipy.stats import t
+    from scipy.special import stdtr
 
     if sums.kept is None:
         cells, counts = sums.cells, sums.counts
@@ -434,12 +434,12 @@ def _growth(sums: StateSums, name: str, spent: float) -> Tested:
     odds = free / ((1 + correlation) * (1 - correlation)) if abs(correlation) < 1 else np.inf
     meaning = f"noise changes with {name}: `errors='proportional'`, or a logarithmic scale if it is above zero"
     beyond = max(abs(correlation) - spent / 2, 0.0)
-    return ("heteroscedasticity", correlation, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
+    return ("heteroscedasticity", correlation, float(2 * stdtr(free, -beyond * np.sqrt(odds))), meaning)
 
 
 def _normal(sums: StateSums) -> Tested:
     """Test by Shapiro and Wilk, or very many by skewness and kurtosis; the statistic is the excess kurtosis."""
-    from scipy.stats import chi2, shapiro
+    from scipy.special import chdtrc
 
     mean, *powers = sums.powers / sums.count
     second, third, fourth = powers
@@ -449,8 +449,10 @@ def _normal(sums: StateSums) -> Tested:
     if not variance or (sums.kept is not None and not np.ptp(sums.kept[:, 0])):
         p_value = 1.0
     elif sums.kept is None:
-        p_value = float(chi2.sf(sums.count * (lean**2 / 6 + tails**2 / 24), 2))
+        p_value = float(chdtrc(2, sums.count * (lean**2 / 6 + tails**2 / 24)))
     else:
+        from scipy.stats import shapiro
+
         p_value = float(shapiro(sums.kept[:, 0]).pvalue)
     if tails > 2 * abs(lean):
         meaning = "tails are heavy: there are outliers, or noise differs between trials"

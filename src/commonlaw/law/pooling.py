@@ -269,7 +269,7 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
             c finned      bare         0.4
     """
     import pandas as pd
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     names = property_names(law.properties)
     check_choice("property", by, names)
@@ -304,7 +304,7 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
             if value != base:
                 at = values.index(base)
                 error = np.sqrt(max(residual, 1.0) * (1 / total + 1 / totals[at]))
-                half = float(t.isf((1 - level) / 2, freedom)) * error
+                half = float(stdtrit(freedom, (1 + level) / 2)) * error
                 difference = mean - means[at]
                 row = {"parameter": name, "value": value, "reference": base, "difference": difference}
                 row |= {"standard error": error, "low": difference - half, "high": difference + half, "unit": unit}

@@ -167,13 +167,13 @@ class AtBound:
         >>> round(AtBound("cup", "b", 0.0, True, -1.0, 1.0).limit(0.95, np.inf), 3)
         1.412
         """
-        from scipy.stats import t as student
+        from scipy.special import stdtr, stdtrit
 
         side = 1 if self.is_low else -1
         if self.error is None:
             return np.nan
-        inside = student.sf(side * (self.bound - self.value) / self.error, degrees_of_freedom)
-        reach = self.error * student.isf((1 - level) * inside, degrees_of_freedom)
+        inside = stdtr(degrees_of_freedom, side * (self.value - self.bound) / self.error)
+        reach = -self.error * stdtrit(degrees_of_freedom, (1 - level) * float(inside))
         return float(self.value + side * reach) if np.isfinite(reach) else np.nan
 
     def interval(self, level: float, degrees_of_freedom: float) -> tuple[float, float]:

@@ -518,7 +518,7 @@ def states_at_rest(trials: Trials) -> tuple[str, ...]:
     and deviations from the mean of all trials are those of white noise alone, as in `objects_at_rest`, and the linear
     regression on all other states and inputs is not significant (F test at 1 %).
     """
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     values = np.concatenate([trial.states for trial in trials])
     if values.shape[1] < _MIN_STATES_WITH_REST or np.isnan(values).all(axis=0).any():
@@ -536,7 +536,7 @@ def states_at_rest(trials: Trials) -> tuple[str, ...]:
         explained, unexplained = float(target @ target - residuals @ residuals), float(residuals @ residuals)
         free = len(rows) - int(rank)
         if free > 0 and (
-            rank < 2 or f.sf(explained / (rank - 1) * free / max(unexplained, 1e-300), rank - 1, free) > 0.01
+            rank < 2 or fdtrc(rank - 1, free, explained / (rank - 1) * free / max(unexplained, 1e-300)) > 0.01
         ):
             at_rest.append(trials.schema.states[j])
     return tuple(at_rest) if len(at_rest) < values.shape[1] else ()

@@ -148,7 +148,7 @@ def coupling(times: Floats, states: Floats, inputs: Floats) -> bool:
     x on integrals, whose errors are those of measurements (F test of the larger model).
     """
     from scipy.interpolate import CubicSpline
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     ranges = np.ptp(states, axis=0)
     if len(times) < 8 or not (ranges > 0).all():
@@ -187,7 +187,7 @@ def coupling(times: Floats, states: Floats, inputs: Floats) -> bool:
             gained = max(freedom - remaining, 1)
             if remaining < 3 or squares / freedom < _MIN_COUPLING_RATIO * with_others / remaining:
                 continue
-            if f.sf((squares - with_others) / gained / (with_others / remaining), gained, remaining) < _MAX_COUPLING_P:
+            if fdtrc(gained, remaining, (squares - with_others) / gained / (with_others / remaining)) < _MAX_COUPLING_P:
                 return True
     return False
 

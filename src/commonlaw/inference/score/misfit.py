@@ -46,7 +46,7 @@ class FittedResiduals:
 
         The reference is the fit of another law to the same measurements, or this one.
         """
-        from scipy.stats import f
+        from scipy.special import fdtrc
 
         single = [  # Squared deviations of repeats over variances of single measurements
             trial.repeats.squares / (part.white**2 * trial.repeats.counts)
@@ -67,7 +67,7 @@ class FittedResiduals:
                 tests.append((size / variance, repeated[k]))
             columns = [part.z[np.isfinite(part.z[:, k]), k] for part in self.whitened]
             products = np.concatenate([column[1:] * column[:-1] for column in columns])
-            if any(f.sf(statistic, freedom, below) < MISFIT_LEVEL for statistic, below in tests):
+            if any(fdtrc(freedom, below, statistic) < MISFIT_LEVEL for statistic, below in tests):
                 return True
             if autocorrelation(np.concatenate(columns) ** 2, products):
                 return True
