@@ -89,10 +89,10 @@ def simulate(
         The problems; with events, all of the same variables.
     method
         ``"heyoka"``: compiled Taylor series (the extra ``fast``), not for laws with abs or sign, nor for inputs with
-        dense output. ``"scipy"``: LSODA. ``"auto"``: heyoka if it is installed and there are at least 5000 points, each
-        with its sensitivities, or 500 changes of inputs; LSODA otherwise, for laws to which heyoka does not apply, and
-        for problems that it does not complete: stiff ones, and those through singular points. `Trajectory.method` is
-        the integrator with the reason.
+        dense output. ``"scipy"``: LSODA. ``"auto"``: heyoka if it is installed and there are at least 5000 points, 500
+        changes of inputs, or sensitivities; LSODA otherwise, for laws to which heyoka does not apply, and for problems
+        that it does not complete: stiff ones, and those through singular points. `Trajectory.method` is the integrator
+        with the reason.
     tolerance
         Relative error of a step.
     events
@@ -119,7 +119,9 @@ def simulate_each(
     """Yield the trajectories of `simulate`, one after the other."""
     check_choice("method of integration", method, METHODS)
     problems = tuple(problems)
-    if method == "auto" and sum(_points(problem, options.sensitivities) for problem in problems) < _FEW_POINTS:
+    # A knot of the inputs costs LSODA as much as ten points
+    points = sum(len(problem.times) + 10 * (len(problem.stops) - 1) for problem in problems)
+    if method == "auto" and not options.sensitivities and points < _FEW_POINTS:
         method = "scipy"
     choices: dict[tuple[int, Order, int, bytes], Callable[[InitialValueProblem], Trajectory]] = {}
     what = f"integrating {len(problems)} trajectories"
@@ -131,12 +133,6 @@ def simulate_each(
         if key not in choices:
             choices[key] = _integrator(vector_field, method, options)
         yield choices[key](problem)
-
-
-def _points(problem: InitialValueProblem, sensitivities: bool) -> int:
-    """Return how many points LSODA takes as long for as it does for a problem: ten for a knot of the inputs."""
-    points = len(problem.times) + 10 * (len(problem.stops) - 1)
-    return points * (1 + len(problem.field.parameters) + len(problem.initial)) if sensitivities else points
 
 
 def integrate(
