@@ -286,6 +286,18 @@ def test_defects_and_their_derivatives_are_those_of_numpy(case, library):
             np.testing.assert_allclose(own, theirs, rtol=1e-11, atol=1e-12, err_msg=name)
 
 
+def test_sensitivities_of_states_are_those_of_numpy(case, library):
+    model, estimate, free = case
+    for index, mesh in enumerate(model.meshes):
+        if (steps := model.latent_steps[index]) is not None and steps.force is not None:
+            continue  # Solutions without the force are computed with NumPy
+        wanted = mesh.observed.any(axis=1)
+        own = compiled.sensitivities(library, model, packed(model), index, estimate, free, wanted)
+        states = estimate.states[index]
+        theirs = linearization.sensitivities(model, mesh, states, estimate.coefficients, free, wanted)
+        np.testing.assert_allclose(own, theirs, rtol=1e-9, atol=1e-10 * np.abs(theirs).max())
+
+
 @pytest.mark.parametrize("text", FUNCTIONS_OF_TERMS.values(), ids=FUNCTIONS_OF_TERMS)
 def test_every_function_of_terms_is_in_programs(library, text):
     model, estimate = model_of(text=f"terms:{text},y", inputs=())

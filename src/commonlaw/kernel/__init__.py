@@ -142,6 +142,11 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
         *(address, address, address),  # free, states, coefficients
         *(address, address, address, address),  # defects, start, end, coefficients
     )
+    library.commonlaw_sensitivities.argtypes = (
+        *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure)),
+        *(address, address, address),  # free, states, coefficients
+        *(address, address),  # wanted, sensitivities
+    )
     library.commonlaw_whiten.argtypes = (
         *(ctypes.POINTER(ModelStructure), ctypes.POINTER(MeshStructure), address, real),  # states, model error
         *(Vagueness, address, address),  # what was not measured; start, end

@@ -161,15 +161,25 @@ static void derivatives_by_latent(const Workspace *work, const Mesh *mesh, int64
         }
 }
 
-void step_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
-                    int64_t stride) {
+/* The same with the law's blocks alone, D x D and D rows of the border. */
+void law_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
+                   int64_t stride) {
     const double h = mesh->steps[i];
-    switch (work->F > work->D ? 0 : work->D) {
+    switch (work->D) {
     case 1: derivatives_of_law(work, h, i, start, end, border, stride, 1, 1); return;
     case 2: derivatives_of_law(work, h, i, start, end, border, stride, 2, 2); return;
     case 3: derivatives_of_law(work, h, i, start, end, border, stride, 3, 3); return;
     case 4: derivatives_of_law(work, h, i, start, end, border, stride, 4, 4); return;
-    default: derivatives_of_law(work, h, i, start, end, border, stride, work->D, work->F); break;
+    default: derivatives_of_law(work, h, i, start, end, border, stride, work->D, work->D); return;
     }
-    if (work->F > work->D) derivatives_by_latent(work, mesh, i, start, end);
+}
+
+void step_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
+                    int64_t stride) {
+    if (work->F == work->D) {
+        law_jacobians(work, mesh, i, start, end, border, stride);
+        return;
+    }
+    derivatives_of_law(work, mesh->steps[i], i, start, end, border, stride, work->D, work->F);
+    derivatives_by_latent(work, mesh, i, start, end);
 }

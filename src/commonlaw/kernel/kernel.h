@@ -154,6 +154,8 @@ double walk(const Workspace *work, const Mesh *mesh, int64_t i, int64_t a);
 double segment_start(const Mesh *mesh, int64_t i, double before);
 void drift_columns(const Model *model, const Mesh *mesh, int64_t i, double begun, const double *start,
                    const double *end, double *out, int64_t stride);
+void law_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
+                   int64_t stride);
 void step_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
                     int64_t stride);
 

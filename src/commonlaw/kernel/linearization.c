@@ -28,6 +28,80 @@ EXPORTED int commonlaw_jacobians(const Model *model, const Mesh *mesh, const uin
     return DONE;
 }
 
+/* Solve a system of D rows for several right-hand sides in place, by elimination with pivots; the matrix is lost. */
+static void solve_rows(double *restrict matrix, double *restrict rows, int64_t D, int64_t columns) {
+    for (int64_t c = 0; c < D; ++c) {
+        int64_t pivot = c;
+        for (int64_t a = c + 1; a < D; ++a)
+            if (fabs(matrix[a * D + c]) > fabs(matrix[pivot * D + c])) pivot = a;
+        if (pivot != c) {
+            for (int64_t b = c; b < D; ++b) {
+                const double spare = matrix[c * D + b];
+                matrix[c * D + b] = matrix[pivot * D + b];
+                matrix[pivot * D + b] = spare;
+            }
+            for (int64_t r = 0; r < columns; ++r) {
+                const double spare = rows[c * columns + r];
+                rows[c * columns + r] = rows[pivot * columns + r];
+                rows[pivot * columns + r] = spare;
+            }
+        }
+        for (int64_t a = c + 1; a < D; ++a) {
+            const double share = matrix[a * D + c] / matrix[c * D + c];
+            for (int64_t b = c + 1; b < D; ++b) matrix[a * D + b] -= share * matrix[c * D + b];
+            for (int64_t r = 0; r < columns; ++r) rows[a * columns + r] -= share * rows[c * columns + r];
+        }
+    }
+    for (int64_t c = D - 1; c >= 0; --c)
+        for (int64_t r = 0; r < columns; ++r) {
+            double t = rows[c * columns + r];
+            for (int64_t b = c + 1; b < D; ++b) t -= matrix[c * D + b] * rows[b * columns + r];
+            rows[c * columns + r] = t / matrix[c * D + c];
+        }
+}
+
+/* Fill how the states at the wanted points change with the first state of their segment and with the free coefficients,
+   D x (D + p) of each. */
+EXPORTED int commonlaw_sensitivities(const Model *model, const Mesh *mesh, const uint8_t *free_ones,
+                                     const double *states, const double *coefficients, const uint8_t *wanted,
+                                     double *out) {
+    Workspace work;
+    void *memory = NULL;
+    if (!open_workspace(&work, model, free_ones, coefficients, mesh->points, 1, &memory)) return NO_MEMORY;
+    const int64_t D = work.D, p = work.p, columns = D + p, size = D * columns;
+    double *now = malloc(sizeof(double) * (size_t)(2 * D * D + D * p + 2 * size));
+    if (!now) {
+        free(memory);
+        return NO_MEMORY;
+    }
+    double *next = now + size, *start = next + size, *end = start + D * D, *border = end + D * D;
+    collocate(&work, mesh, states, coefficients, true);
+    for (int64_t i = 0; i < mesh->points; ++i) {
+        if (i > 0 && mesh->contiguous[i - 1]) {
+            law_jacobians(&work, mesh, i - 1, start, end, border, p);
+            for (int64_t a = 0; a < D; ++a) {
+                double *restrict row = next + a * columns;
+                for (int64_t r = 0; r < columns; ++r) row[r] = r < D ? 0 : -border[a * p + r - D];
+                for (int64_t b = 0; b < D; ++b)
+                    for (int64_t r = 0; r < columns; ++r) row[r] -= start[a * D + b] * now[b * columns + r];
+            }
+            solve_rows(end, next, D, columns);
+            double *before = now;
+            now = next;
+            next = before;
+        } else {
+            memset(now, 0, sizeof(double) * (size_t)size);
+            for (int64_t a = 0; a < D; ++a) now[a * columns + a] = 1;
+        }
+        if (!wanted[i]) continue;
+        memcpy(out, now, sizeof(double) * (size_t)size);
+        out += size;
+    }
+    free(now < next ? now : next);
+    free(memory);
+    return DONE;
+}
+
 /* How large the standard deviations of what was not measured are, in its units, see linearization.py. */
 typedef struct {
     double missing, rate, hidden;

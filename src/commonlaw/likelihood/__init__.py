@@ -31,8 +31,6 @@ from commonlaw.likelihood.fitting import (
 )
 from commonlaw.likelihood.linearization import (
     Linearization as Linearization,
-    Regression as Regression,
-    deviations as deviations,
     prior_variances as prior_variances,
     propagated as propagated,
     whitened_with_initial_states as whitened_with_initial_states,
@@ -52,4 +50,8 @@ from commonlaw.likelihood.observation_model import (
     HUBER_THRESHOLD as HUBER_THRESHOLD,
     LatentProcesses as LatentProcesses,
     ObservationModel as ObservationModel,
+)
+from commonlaw.likelihood.regression import (
+    Regression as Regression,
+    deviations as deviations,
 )

@@ -226,6 +226,24 @@ def jacobians(
     return Jacobians(*outputs)
 
 
+def sensitivities(
+    library: ctypes.CDLL,
+    model: TrajectoryModel,
+    packed: Packed,
+    index: int,
+    estimate: Estimate,
+    free: Bools,
+    wanted: Bools,
+) -> Floats:
+    """Return the sensitivities of one mesh as `linearization.sensitivities` does, up to rounding."""
+    states, coefficients = contiguous(estimate.states[index]), contiguous(estimate.coefficients)
+    free, wanted = (np.ascontiguousarray(mask, dtype=np.bool_) for mask in (free, wanted))
+    result = np.empty((int(wanted.sum()), model.width, model.width + int(free.sum())))
+    inside = (address(array) for array in (free, states, coefficients, wanted, result))
+    _check(library.commonlaw_sensitivities(packed.model, packed.meshes[index], *inside))
+    return result
+
+
 def _whitened(
     library: ctypes.CDLL,
     model: TrajectoryModel,

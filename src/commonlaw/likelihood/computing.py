@@ -87,6 +87,19 @@ def whitened(
     return compiled.whitened(library, model, structures, estimate, model_error, _free(estimate, columns))
 
 
+def sensitivities(model: TrajectoryModel, index: int, estimate: Estimate, free: Bools, wanted: Bools) -> Floats:
+    """Return how states at the wanted points of one mesh change, shape (points, D, D + p).
+
+    The first columns are the derivatives by the state at the first point of their segment, the others by the p free
+    coefficients, those of solutions of the law without any force.
+    """
+    prepared, steps = _compiled([model]), model.latent_steps[index]
+    if prepared is None or (steps is not None and steps.force is not None):
+        mesh, states = model.meshes[index], estimate.states[index]
+        return linearization.sensitivities(model, mesh, states, estimate.coefficients, free, wanted)
+    return compiled.sensitivities(prepared[0], model, prepared[1][0], index, estimate, free, wanted)
+
+
 def threads_are_worthwhile(models: Sequence[TrajectoryModel]) -> bool:
     """Return whether one linearization of these objects takes milliseconds, so that threads pay off."""
     points = sum(len(mesh) for model in models for mesh in model.meshes)
