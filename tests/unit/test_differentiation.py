@@ -24,6 +24,7 @@ from commonlaw.differentiation import (
     default_differentiation,
     format_differentiation,
     parse_differentiation,
+    penalized,
 )
 from commonlaw.formulation import LeastSquaresProblem, StrongForm, law_variables, merge
 from commonlaw.library import PolynomialLibrary
@@ -156,6 +157,19 @@ def test_smoothing_spline_chooses_the_strength_of_least_cross_validation_score()
     smoothed, *_ = _rates(SmoothingSpline(), times, x)
     best = min(np.geomspace(1e-4, 1e2, 61), key=score)
     np.testing.assert_allclose(smoothed, make_smoothing_spline(times, x, lam=best)(times), atol=2e-3)
+
+
+@pytest.mark.parametrize("waves", [2000, 200, 20, 0.3])
+def test_smoothing_splines_of_long_trials_err_no_more_for_being_chosen_by_stretches(waves):
+    """The strength of least score over all samples is the reference; slow states have it."""
+    times = np.linspace(0, 1, 12_000)
+    x = np.sin(2 * np.pi * waves / 2 * times) * (1 + times / 2)
+    measured = x + 0.05 * np.random.default_rng(2).standard_normal(len(times))
+    steps = np.full(len(times) - 1, 1.0)
+    whole, _ = penalized._of_least_score([(steps, measured)])
+    chosen = penalized.cross_validated(steps, measured)
+    few, all_of_them = (np.std(penalized.smoothing_spline(steps, measured, each)[0] - x) for each in (chosen, whole))
+    assert few < 1.15 * all_of_them
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])

@@ -6,6 +6,7 @@ y1, ... the matrix has three bands on either side; the first and the last y are 
 number of samples, and digits last for 50 000 samples, where the equation for z alone has lost them all.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import blake2b
@@ -158,16 +159,15 @@ _strengths: dict[bytes, float] = {}
 
 
 def cross_validated(steps: Floats, state: Floats) -> float:
-    """Return the strength, in units of the mean step cubed, with the least generalised cross-validation score."""
+    """Return the strength, in units of the mean step cubed, with the least generalised cross-validation score.
+
+    Of more than `_MANY` samples stretches all over them are enough, unless a line through each of these is smoother.
+    """
     digest = blake2b(steps.tobytes() + state.tobytes(), digest_size=32).digest()
     if digest not in _strengths:
-        from scipy.optimize import minimize_scalar
-
-        systems, grid = _Systems.of(steps), _grid(len(state))
-        pairs = zip(grid, _traces(steps.tobytes()), strict=True)
-        best = int(np.argmin([_score(logarithm, systems, state, trace) for logarithm, trace in pairs]))
-        bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        result = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
+        result, is_line = _of_least_score([(steps, state)] if len(state) <= _MANY else _stretches(steps, state))
+        if is_line and len(state) > _MANY:
+            result, _ = _of_least_score([(steps, state)])
         while len(_strengths) >= 4096:  # Of some hundred bytes each
             _strengths.pop(next(iter(_strengths)), None)
         _strengths[digest] = result
@@ -175,23 +175,48 @@ def cross_validated(steps: Floats, state: Floats) -> float:
     return _strengths[digest]
 
 
+_MANY = 4096
+_LONG = 1024
+"""Samples of a stretch."""
+
+
+def _stretches(steps: Floats, state: Floats) -> list[tuple[Floats, Floats]]:
+    """Return steps and values of stretches of a state, evenly spaced, `_MANY` samples in all."""
+    starts = np.linspace(0, len(state) - _LONG, _MANY // _LONG).astype(np.int64)
+    return [(steps[first : first + _LONG - 1], state[first : first + _LONG]) for first in starts.tolist()]
+
+
+def _of_least_score(stretches: Sequence[tuple[Floats, Floats]]) -> tuple[float, bool]:
+    """Return the strength of least score over stretches, and whether it is the largest, a line."""
+    from scipy.optimize import minimize_scalar
+
+    grid = _grid(len(stretches[0][1]))
+    parts = [(_Systems.of(steps), state) for steps, state in stretches]
+    traces = np.sum([_traces(steps.tobytes()) for steps, _ in stretches], axis=0)
+    pairs = zip(grid, traces, strict=True)
+    best = int(np.argmin([_score(logarithm, parts, trace) for logarithm, trace in pairs]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    result = minimize_scalar(_score, bounds=bounds, args=(parts,), method="bounded").x
+    return float(np.exp(result)), best == len(grid) - 1
+
+
 def _grid(samples: int) -> Floats:
     """Return the logarithms of the strengths that are tried first."""
     return np.linspace(np.log(2e-5), 4 * np.log(samples), 40)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _traces(steps: bytes) -> tuple[float, ...]:
     """Return the traces on the grid, which are the same for all states that are measured at the same times."""
     systems = _Systems.of(np.frombuffer(steps))
     return tuple(systems.trace(logarithm) for logarithm in _grid(len(systems.diagonal) + 2))
 
 
-def _score(logarithm: float, systems: _Systems, state: Floats, trace: float | None = None) -> float:
-    """Return ``n RSS / trace(1 - A)^2``, A being the matrix from the measured to the smoothed state."""
-    smoothed, _ = systems.factors(np.exp(logarithm)).solve(state)
-    trace = systems.trace(logarithm) if trace is None else trace
-    return float(len(state) * np.sum((state - smoothed) ** 2) / trace**2)
+def _score(logarithm: float, parts: Sequence[tuple[_Systems, Floats]], trace: float | None = None) -> float:
+    """Return ``n RSS / trace(1 - A)^2``, A being the matrix from the measured to the smoothed states."""
+    residuals = [state - systems.factors(np.exp(logarithm)).solve(state)[0] for systems, state in parts]
+    trace = sum(systems.trace(logarithm) for systems, _ in parts) if trace is None else trace
+    return float(sum(map(len, residuals)) * np.sum(np.concatenate(residuals) ** 2) / trace**2)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The weak form: smooth test functions of compact support, rows tested against them, their covariance, reweighting."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from math import sqrt
 from typing import TYPE_CHECKING
@@ -93,11 +93,18 @@ class CompactTestFunctions:
         nodes, gauss = np.polynomial.legendre.leggauss(8)
         halves = np.diff(times)[:, np.newaxis] / 2
         points = times[:-1, np.newaxis] + halves * (1 + nodes)
-        fit = _interpolation(times, points, 10 if even else 16)
         narrow, factors = self._take(~wide), (halves * gauss).ravel()
+        fit = _interpolation(times, points, 10 if even else 16, narrow._touched(times))
         fitted = [narrow._values(points.ravel(), factors, order) @ fit for order in range(highest + 1)]
         indices = np.argsort(np.append(np.flatnonzero(wide), np.flatnonzero(~wide)))
         return [vstack(pair, format="csr")[indices] for pair in zip(summed, fitted, strict=True)]
+
+    def _touched(self, times: Floats) -> Bools:
+        """Return which steps from one time to the next the functions are not zero in, shape (n - 1,)."""
+        first = np.maximum(np.searchsorted(times, self.centres - self.radii, side="right") - 1, 0)
+        after = np.minimum(np.searchsorted(times, self.centres + self.radii), len(times) - 1)
+        changes = np.bincount(first, minlength=len(times)) - np.bincount(after, minlength=len(times))
+        return np.asarray(np.cumsum(changes)[:-1] > 0)
 
     def _take(self, chosen: Bools) -> "CompactTestFunctions":
         return CompactTestFunctions(self.centres[chosen], self.radii[chosen])
@@ -147,23 +154,23 @@ def _derivative(s: Floats, derivative: int) -> Floats:
     return np.asarray(2 * p * inside ** (p - 2) * ((2 * p - 1) * s**2 - 1))
 
 
-def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
-    """Return the matrix, ((n - 1) m, n), from samples to values at points of each step, (n - 1, m).
+def _interpolation(times: Floats, points: Floats, size: int, wanted: Bools) -> "csr_array":
+    """Return the matrix, ((n - 1) m, n), from samples to values at points of each wanted step, (n - 1, m).
 
-    Polynomials of degree 9 are fitted to so many samples, the nearest.
+    Polynomials of degree 9 are fitted to so many samples, the nearest. Other steps have zeros.
     """
     from scipy.sparse import csr_array
 
     size = min(size, len(times))
-    first = np.clip(np.arange(len(times) - 1) - size // 2 + 1, 0, len(times) - size)
+    first = np.clip(np.flatnonzero(wanted) - size // 2 + 1, 0, len(times) - size)
     indices = first[:, np.newaxis] + np.arange(size)
     near = times[indices]
     middle, half = (near[:, [-1]] + near[:, [0]]) / 2, (near[:, [-1]] - near[:, [0]]) / 2
     powers = np.arange(min(9, size - 1) + 1)
-    samples, wanted = (((t - middle) / half)[:, :, np.newaxis] ** powers for t in (near, points))
-    weights = wanted @ np.linalg.pinv(samples)
+    samples, inside = (((t - middle) / half)[:, :, np.newaxis] ** powers for t in (near, points[wanted]))
+    weights = inside @ np.linalg.pinv(samples)
     columns = np.broadcast_to(indices[:, np.newaxis, :], weights.shape)
-    starts = np.arange(0, weights.size + 1, size)
+    starts = np.append(0, np.cumsum(np.repeat(np.where(wanted, size, 0), points.shape[1])))
     return csr_array((weights.ravel(), columns.ravel(), starts), shape=(points.size, len(times)))
 
 
@@ -294,6 +301,8 @@ class WeakForm(AbstractFormulation):
         By object, shape (equations, terms), for the covariance. None leaves rows unweighted.
     equation
         Whose covariance whitens the rows; None takes the mean of all.
+    tested_before
+        Rows of trials before they are whitened, which `reweight` has computed.
     """
 
     order: int = 1
@@ -302,6 +311,7 @@ class WeakForm(AbstractFormulation):
     differentiation: AbstractDifferentiator | None = None
     coefficients: Mapping[str, Floats] | None = None
     equation: int | None = None
+    tested_before: Mapping[tuple[Trial, Terms], WeakRows] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         check_order(self.order)
@@ -330,6 +340,8 @@ class WeakForm(AbstractFormulation):
 
     def tested(self, trial: Trial, terms: Terms) -> WeakRows:
         """Return the rows of a trial before they are whitened, with what makes their covariance, see `rows`."""
+        if (trial, terms) in self.tested_before:
+            return self.tested_before[trial, terms]
         clock, trial = trial.times, replace(trial, times=since_start(trial.times))
         times, ranges = trial.times, np.ptp(trial.states, axis=0)
         if self.noise is not None and len(self.noise) != len(ranges):
@@ -390,11 +402,12 @@ def reweight(trials: Trials, terms: Terms, form: WeakForm) -> tuple[WeakForm, di
     trial cannot be used.
     """
     states = len(trials.schema.states)
+    tested = {(trial, terms): form.tested(trial, terms) for trial in trials}
     result = {
-        name: _coefficients([form.tested(trial, terms) for trial in trials.of_object(name)], states)
+        name: _coefficients([tested[trial, terms] for trial in trials.of_object(name)], states)
         for name in trials.objects
     }
-    return replace(form, coefficients=result), result
+    return replace(form, coefficients=result, tested_before=tested), result
 
 
 def _coefficients(tested: Sequence[WeakRows], equations: int) -> Floats:
