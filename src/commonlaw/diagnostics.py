@@ -216,6 +216,7 @@ class OutcomeKind(StrEnum):
     SAMPLES = "samples"
     SCALE = "scale"
     START = "start"
+    STOPPED = "stopped"
     TRIALS_DIFFER = "trials differ"
     UNITS = "units"
 

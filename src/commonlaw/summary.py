@@ -105,6 +105,8 @@ class Summary:
         findings, law = self.findings, self.law
         if law.provenance.equations or not law.provenance.is_learned or self.stream or self.everything:
             return None
+        if law.provenance.is_stopped:  # It may take longer than the law
+            return None
         try:
             return nearest_textbook_law(law, findings.trials, findings.training, findings.verdict)
         except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):

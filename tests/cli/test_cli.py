@@ -240,7 +240,7 @@ def test_the_short_help_of_discover_lists_the_options_of_every_day(run):
     listed = re.findall(r"^  (--[a-z-]+)", out.partition("\nTable:")[2], re.MULTILINE)
     assert listed == [
         "--schema", "--object", "--trial", "--time", "--state", "--where", "--hold-out", "--order", "--library",
-        "--noise", "--set", "--save", "--json", "--help-all",
+        "--time-limit", "--noise", "--set", "--save", "--json", "--help-all",
     ]  # fmt: skip
     assert "more options: commonlaw discover --help-all" in out
 

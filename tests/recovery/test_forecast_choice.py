@@ -128,7 +128,9 @@ def test_process_noise_that_took_all_terms_gives_way_to_a_law_that_forecasts():
     problem = pool.best.problem
     (empty,) = fit_each_kind(problem, np.zeros_like(problem.allowed), ("random-walk",))
     pool = replace(pool, fits=(empty,))
-    chosen, _ = held_out_forecasts.best_forecaster(pool, ("white", "random-walk"), lambda law: law, lambda _: None)
+    errors = held_out_forecasts.standardized_errors(empty, lambda law: law)
+    kinds = ("white", "random-walk")
+    chosen, _ = held_out_forecasts.best_forecaster(pool, errors, kinds, lambda law: law, lambda _: None)
     assert empty.has_process_noise
     assert not chosen.best.has_process_noise
     assert [problem.terms.names[k] for k in np.flatnonzero(chosen.best.supports[0])] == ["x", "v"]

@@ -47,14 +47,19 @@ INTERVAL = 10.0
 def working(text: str) -> Iterator[ProgressCallback]:
     """Show on stderr that something is going on; yields what takes the text of each step.
 
-    A terminal has one line that changes, and else there is a line now and then. With ``--verbose`` each step has one.
+    A terminal has one line that changes, with what was found so far below, and else there are lines now and then. With
+    ``--verbose`` each step has one.
     """
     course = Elapsed()
     if click.get_current_context().meta.get(_VERBOSE):
         yield lambda step: say(f"commonlaw: {course.seconds:6.1f} s  {step}", err=True)
         return
-    with (changing_line if sys.stderr.isatty() else _lines)(lambda: f"{text} {course}"):
-        yield course.take
+    if sys.stderr.isatty():
+        with changing_line(lambda: "\n".join(filter(None, (f"{text} {course}", course.interim)))):
+            yield course.take
+    else:
+        with _lines(text, course):
+            yield course.take
 
 
 _VERBOSE = f"{__name__}.verbose"
@@ -66,14 +71,16 @@ def say_every_step(context: click.Context) -> None:
 
 
 @contextmanager
-def _lines(words: Callable[[], str]) -> Iterator[None]:
-    """Say now and then what goes on."""
+def _lines(text: str, course: Elapsed) -> Iterator[None]:
+    """Say now and then what goes on, and what was found since."""
     ended = Event()
 
     def tell() -> None:
         seconds = SECONDS_UNTIL_SHOWN
         while not ended.wait(seconds):
-            say(f"commonlaw: {words()}", err=True)
+            *news, step = course.lines()
+            for line in (*news, f"{text} {step}"):
+                say(f"commonlaw: {line}", err=True)
             seconds = INTERVAL
 
     Thread(target=tell, daemon=True).start()

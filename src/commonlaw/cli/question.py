@@ -1,6 +1,8 @@
 """The options that say which law is sought and how: settings of fits, methods, terms and what is known."""
 
+import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -8,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from commonlaw.cli.options import Decorator, ReadLaw, as_one, by_name, is_of_kind, numbers, option, pairs, taking
-from commonlaw.cli.output import Artifacts
+from commonlaw.cli.output import Artifacts, say
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value
+from commonlaw.runtime.time_limit import stopped_by_interrupts
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
@@ -149,6 +152,27 @@ class _Order(click.IntRange):
         return value if value == "auto" else super().convert(value, param, ctx)
 
 
+DEFAULT_TIME_LIMIT = 60.0
+"""Seconds of a search that somebody awaits."""
+
+
+def _time_limit(text: str) -> float:
+    """Return seconds, such as 90 or 90s, or no limit."""
+    if text.lower() == "none":
+        return math.inf
+    try:
+        seconds = float(text.removesuffix("s"))
+    except ValueError:
+        seconds = -1.0
+    if not 0 <= seconds < math.inf:
+        raise click.BadParameter(f"{text!r} is no time: give seconds such as 60s, or none")
+    return seconds
+
+
+def _say_stopping() -> None:
+    say("commonlaw: stopping with the best law so far; Ctrl-C again ends the command at once", err=True)
+
+
 _LAW_OPTIONS = (
     _law(
         "--order ORDER",
@@ -182,6 +206,15 @@ _LAW_OPTIONS = (
         "Say what in the law is shared, what follows the objects' properties, and what is each object's own.",
         is_flag=True,
     ),
+    option(
+        "--time-limit SECONDS",
+        "Time after which a search by trajectory-likelihood ends with the best law so far, and says what it has not "
+        "tried; so does the first Ctrl-C. none for no limit: the law then does not depend on the machine.  "
+        f"[default: {DEFAULT_TIME_LIMIT:g}s; none for streams and other methods]",
+        group="Method",
+        everyday=True,
+        type=_time_limit,
+    ),
 )
 
 
@@ -196,23 +229,32 @@ class Question:
     observe: tuple[str, ...]
     latent: tuple[str, ...]
     explain: bool
+    time_limit: float | None
     method: "AbstractMethod | None"
 
     def answer(self, training: "Trials | TrialStream", show: Callable[[str], None]) -> "Law":
-        """Return the law of trials; `show` takes the text of each step."""
+        """Return the law of trials; `show` takes the text of each step.
+
+        A search that can be limited ends with the best law so far at the first Ctrl-C.
+        """
         import commonlaw as cl
 
-        return cl.discover(
-            training,
-            order=self.order,
-            library=self.library,
-            method=self.method,
-            known=_known_physics(self.known),
-            shared=[_key(name) for name in self.shared],
-            observe=dict(pairs("--observe", self.observe)),
-            latent_states=self.latent,
-            progress=show,
-        )
+        of_likelihood = self.method is None or isinstance(self.method, cl.TrajectoryLikelihood)
+        can_be_limited = of_likelihood and isinstance(training, cl.Trials) and not (self.observe or self.latent)
+        seconds = DEFAULT_TIME_LIMIT if self.time_limit is None and can_be_limited else self.time_limit
+        with stopped_by_interrupts(_say_stopping) if can_be_limited else nullcontext():
+            return cl.discover(
+                training,
+                order=self.order,
+                library=self.library,
+                method=self.method,
+                known=_known_physics(self.known),
+                shared=[_key(name) for name in self.shared],
+                observe=dict(pairs("--observe", self.observe)),
+                latent_states=self.latent,
+                progress=show,
+                time_limit=None if seconds == math.inf else seconds,
+            )
 
     def explained(self, law: "Law", show: Callable[[str], None], later: Artifacts) -> "Law":
         """Return the law with what decides its coefficients if that is asked for and can be said."""

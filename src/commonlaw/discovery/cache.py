@@ -48,8 +48,9 @@ def cached_law(
         progress(Stage("reading the law from the cache", 1.0))
         return cached
     law = find()
-    with suppress(OSError, CommonlawError):  # A full or read-only disk, or terms that cannot be saved
-        _write(path, law)
+    if not law.provenance.is_stopped:  # Of more time, or a faster machine, there is another one
+        with suppress(OSError, CommonlawError):  # A full or read-only disk, or terms that cannot be saved
+            _write(path, law)
     return law
 
 

@@ -1,13 +1,15 @@
 """The search for the law of one order: screened terms, the best law so far, and the steps of the pipeline."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, wraps
+from typing import Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.discovery.best_so_far import Best
 from commonlaw.discovery.method import ModelStructure, parsed
 from commonlaw.discovery.regression import DerivativeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError
@@ -41,6 +43,7 @@ from commonlaw.library import Offer, Order, ParametricTerm, SelectedLibrary, Ter
 from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory, part, silent
+from commonlaw.runtime.time_limit import OutOfTimeError
 from commonlaw.solvers import BestSubset, parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials
@@ -164,28 +167,67 @@ class Candidate:
         return final(self.pool.best)[0].score
 
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _kept(
+    step: "Callable[Concatenate[CandidateSearch, P], Candidate]",
+) -> "Callable[Concatenate[CandidateSearch, P], Candidate]":
+    """Let a step of a search keep the candidate that it returns."""
+
+    @wraps(step)
+    def keeping(search: "CandidateSearch", /, *args: P.args, **kwargs: P.kwargs) -> Candidate:
+        candidate = step(search, *args, **kwargs)
+        if search.best is not None:
+            search.best.take(search, candidate)
+        return candidate
+
+    return keeping
+
+
 @dataclass(frozen=True, eq=False)
 class CandidateSearch:
     """The steps of the search for laws; each takes a candidate and returns a better one.
 
-    The `strange` objects were left out before.
+    The `strange` objects were left out before. The search of all others keeps its `best` candidates.
     """
 
     trials: Trials
     options: FitOptions
     progress: ProgressCallback
     strange: tuple[StrangeObject, ...] = ()
+    best: Best | None = None
 
     def of_objects(self, names: Sequence[str]) -> "CandidateSearch":
         """Return the search among the trials of some of the objects, without a word on its progress."""
         trials = self.trials.with_trials([trial for trial in self.trials if trial.object in names])
-        return replace(self, trials=trials, progress=silent)
+        return replace(self, trials=trials, progress=silent, best=None)
+
+    def has_not_tried(self, *untried: str) -> None:
+        """Keep in words what would remain to be tried if the search ended here."""
+        if self.best is not None:
+            self.best.untried = untried
+
+    def in_time(self, step: Callable[[], T], otherwise: T, what: str = "") -> T:
+        """Return what a step returns, or something else if its time is over.
+
+        What was left out is kept in words, by default the first of what the search has not tried.
+        """
+        try:
+            return step()
+        except OutOfTimeError:
+            if self.best is None:
+                raise
+        self.best.left_out += [what] if what else self.best.untried[:1]
+        return otherwise
 
     def without(self, strange: Sequence[StrangeObject]) -> "CandidateSearch":
         """Return the search without strange objects."""
         names = tuple(stray.name for stray in strange)
         return replace(self, trials=without_objects(self.trials, names), strange=(*self.strange, *strange))
 
+    @_kept
     def plain(self, structure: ModelStructure, is_coarse: bool) -> Candidate:
         """Return the best law among plain terms, and terms offered first, under the chosen interpolation of inputs.
 
@@ -205,18 +247,21 @@ class CandidateSearch:
                 return Candidate(screened, coarse, (), transformed, has_richer=False, is_coarse=True)
         return self._candidate(screened, transformed, coarse, richer=False)
 
+    @_kept
     def finer(self, candidate: Candidate) -> Candidate:
         """Return a candidate searched on finer meshes if only a coarse one was tried."""
         if not candidate.is_coarse:
             return candidate
         return self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=False)
 
+    @_kept
     def resolved(self, candidate: Candidate) -> Candidate:
         """Return a candidate on a refined mesh; unchanged if it has a lack of fit."""
         if candidate.pool.best.lack_of_fit:
             return candidate
         return replace(candidate, pool=resolved(candidate.pool, self.progress))
 
+    @_kept
     def of_higher_degree(self, candidate: Candidate) -> Candidate:
         """Return the best law among plain terms of higher degree, if it fits with few terms; a simple law as it is.
 
@@ -232,6 +277,7 @@ class CandidateSearch:
         more = replace(more, is_of_higher_degree=True)
         return more if more.fits and more.has_few_terms and more.score < candidate.score else candidate
 
+    @_kept
     def with_first_offer(self, candidate: Candidate) -> Candidate:
         """Return the law with terms of the first offer, if it is simple; a law of one term an equation as it is.
 
@@ -249,6 +295,7 @@ class CandidateSearch:
         more = self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True, most=first + 1)
         return replace(more, has_richer=True) if more.is_simple else candidate
 
+    @_kept
     def richer(self, candidate: Candidate) -> Candidate:
         """Return the law of largest evidence among terms of higher degree, parametric terms and latent states."""
         candidate = self.of_higher_degree(candidate)
@@ -256,6 +303,7 @@ class CandidateSearch:
             return candidate
         return self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True)
 
+    @_kept
     def with_errors(self, candidate: Candidate) -> Candidate:
         """Return the candidate under the chosen error model, searched again if that readmits screened-out terms.
 

@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -32,7 +33,7 @@ from commonlaw.discovery.observed import discover_observed
 from commonlaw.discovery.orders import AskedOrder, order_by_state, possible_orders, single_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
 from commonlaw.discovery.textbook import outcomes_of_textbook
-from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
+from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, stopped
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.formulation import TrialDerivatives, refuse_vanishing_states
@@ -50,6 +51,7 @@ from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.runtime.parallel import one_blas_thread
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
+from commonlaw.runtime.time_limit import OutOfTimeError, limit_of, limited
 from commonlaw.text import shown
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
@@ -79,7 +81,7 @@ class LawDiscovery:
 
     Parameters
     ----------
-    order, library, method, known, shared, latent_states, observe, progress, cache, client
+    order, library, method, known, shared, latent_states, observe, progress, cache, client, time_limit
         See `discover`.
 
     Attributes
@@ -112,6 +114,7 @@ class LawDiscovery:
         progress: ProgressCallback | None = None,
         cache: bool = True,
         client: "Client | None" = None,
+        time_limit: float | None = None,
     ) -> None:
         self.order = order
         self.library = library
@@ -123,6 +126,7 @@ class LawDiscovery:
         self.progress = progress
         self.cache = cache
         self.client = client
+        self.time_limit = time_limit
 
     def fit(self, trials: Trials | TrialStream | Any, y: GivenDerivatives | None = None) -> Self:
         """Find the law of these trials, or of those that `Trials.from_frame` makes of a table.
@@ -145,10 +149,14 @@ class LawDiscovery:
             refuse_amounts(trials)
             if y is not None or not self.cache:
                 return self._found(trials, progress, y)
-            nothing = ("progress", "cache", "client")  # These change nothing in a law
+            nothing = ("progress", "cache", "client", "time_limit")  # These change nothing in a law
             question = {name: getattr(self, name) for name in _PARAMETERS if name not in nothing}
             return cached_law(trials, question, lambda: self._found(trials, progress), progress)
 
+        if self.time_limit is not None and not (self.time_limit >= 0 and isfinite(self.time_limit)):
+            raise CommonlawError("time-limit", value=self.time_limit)
+        if self.time_limit is not None and not isinstance(self.method, TrajectoryLikelihood | None):
+            raise CommonlawError("time-limit-unsupported", what=type(self.method).__name__)
         by_file = partial(self._found_by_file, progress=progress, given=y)
         self.law_ = in_memory_or_by_file(trials, self.client, in_memory, by_file)
         return self
@@ -158,6 +166,7 @@ class LawDiscovery:
         refused = ["shared"] * bool(self.shared)
         refused += ["latent_states"] * (bool(self.latent_states) and not self._latent_names)
         refused += ["x_dot"] * (derivatives is not None)
+        refused += ["time_limit"] * (self.time_limit is not None)
         settings = dict[str, Any]()
         if isinstance(self.method, TrajectoryLikelihood):
             settings = changed_settings("discover", vars(self.method))
@@ -191,6 +200,8 @@ class LawDiscovery:
             raise CommonlawError("not-for-streams")
         if given is not None:
             raise CommonlawError("derivatives-of-stream")
+        if self.time_limit is not None:
+            raise CommonlawError("time-limit-unsupported", what="a stream")
         (method, outcomes), order = self._method_for(None, None), self.order
         if order == "auto":
             is_open = not isinstance(self.library, Mapping)
@@ -214,6 +225,7 @@ class LawDiscovery:
         if given is not None:
             trials, derivatives = with_derivatives(trials, given)
         method, instead = self._method_for(trials, derivatives)
+        limit = limit_of(self.time_limit) if isinstance(method, TrajectoryLikelihood) else None
         plain = not (isinstance(self.library, Mapping) or self.known or self.shared or derivatives)
         if plain and (isinstance(self.order, str) or self.order in (1, 2)):
             constant = states_at_rest(trials)
@@ -227,7 +239,7 @@ class LawDiscovery:
         outcomes = (*outcomes, *copies, *outcome_of_constants(constant), *outcome_of_rest(resting))
         if not (self.known or self.shared):
             structure = replace(structure, library=_capped(library, trials))
-        with one_blas_thread():
+        with one_blas_thread(), limited(limit):
             law = method.find(trials, structure, progress)
         strange = law.provenance.domain.strange
         trials = without_objects(trials, strange)
@@ -241,10 +253,17 @@ class LawDiscovery:
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant, strange=strange)
         law = replace(law, provenance=replace(law.provenance, domain=domain))
         outcomes = (*outcomes, *outcomes_of_rivals(law, trials))
-        if plain and isinstance(method, TrajectoryLikelihood):
-            outcomes = (*outcomes, *outcomes_of_textbook(law, trials))
         law = replace(law, provenance=replace(law.provenance, outcomes=outcomes))
-        return law if library.functions else with_one_sided_limits(law, trials)
+        if law.provenance.is_stopped:
+            return law
+        try:
+            with limited(limit):
+                if plain and isinstance(method, TrajectoryLikelihood):
+                    outcomes = (*outcomes, *outcomes_of_textbook(law, trials))
+                    law = replace(law, provenance=replace(law.provenance, outcomes=outcomes))
+                return law if library.functions else with_one_sided_limits(law, trials)
+        except OutOfTimeError:
+            return stopped(law, limit.elapsed if limit else 0.0, ["the nearest textbook law", "one-sided limits"])
 
     @property
     def _latent_names(self) -> tuple[str, ...]:
@@ -431,6 +450,7 @@ def discover(
     cache: bool = True,
     client: "Client | None" = None,
     x_dot: GivenDerivatives | None = None,
+    time_limit: float | None = None,
 ) -> Law:
     """Discover the law that the objects of trials share.
 
@@ -477,7 +497,8 @@ def discover(
         go with it;
         ``"auto"`` as the library is polynomials of degree 2, and of degree 3 where these show lack of fit.
     progress
-        Called with the text of each step. Default: the terminal shows it after two seconds.
+        Called with the text of each step, and with the best law so far whenever there is another one: a text that has
+        it as `law`, without standard errors. Default: the terminal shows the texts after two seconds.
     cache
         Whether to keep the law in the user's cache folder, and to return it from there if the same call was made before
         with the same trials. The environment variable ``COMMONLAW_CACHE`` names another folder; ``off`` disables it.
@@ -488,6 +509,10 @@ def discover(
         Measured or computed derivatives of the states at the samples: an array of shape (n, states)
         for each trial, or by state an array or the name of a column, ``{"x": "speed"}``. `DerivativeRegression`, the
         default then, takes them in place of its own, for laws of order 1.
+    time_limit
+        Seconds after which the search of `TrajectoryLikelihood` ends with the best law so far, with its standard errors
+        and a note on what was not tried; the first law is awaited. Without a limit, the default, the law does not
+        depend on the machine. A law that was complete in time is the same; one that was not is not kept in the cache.
 
     Raises
     ------
@@ -513,7 +538,9 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    estimator = LawDiscovery(order, library, method, known, shared, latent_states, observe, progress, cache, client)
+    estimator = LawDiscovery(
+        order, library, method, known, shared, latent_states, observe, progress, cache, client, time_limit
+    )
     return estimator.fit(trials, x_dot).law_
 
 

@@ -18,13 +18,15 @@ A candidate is the `Pool` of the fits of one order. This is all that is chosen, 
 `candidate_search` has the steps of one order, and `inference.result.assembly` makes the law of the last pool.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import ClassVar, NamedTuple
 
 from commonlaw.array_types import evenly_spaced
+from commonlaw.diagnostics import note
+from commonlaw.discovery.best_so_far import Best
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
 from commonlaw.discovery.log_scale import likelier_scale
 from commonlaw.discovery.method import AbstractMethod, ModelStructure, check_supported, parsed
@@ -42,9 +44,10 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine, settings
 from commonlaw.inference.fit.final_score import final
 from commonlaw.inference.result.assembly import assemble, reported
-from commonlaw.inference.result.held_out_forecasts import best_forecaster
+from commonlaw.inference.result.held_out_forecasts import best_forecaster, standardized_errors
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.law_search import with_leading_support
+from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import RefitOptions, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, objects_apart, typical
 from commonlaw.inference.verbs.collocation import refined
@@ -58,7 +61,8 @@ from commonlaw.runtime.arguments import check_type
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.fit_options import FitOptions, documented
 from commonlaw.runtime.parallel import threads
-from commonlaw.runtime.progress import ProgressCallback, part, silent, unannounced
+from commonlaw.runtime.progress import ProgressCallback, in_words, part, silent, unannounced
+from commonlaw.runtime.time_limit import OutOfTimeError, check, current_limit, unlimited
 from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
@@ -104,13 +108,20 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
             is_first_order=is_first and not self.latent_states,
         )
         with threads(self.n_jobs):
-            search = CandidateSearch(trials, self, progress)
+            search = CandidateSearch(trials, self, progress, best=Best())
             if not states:
                 return law_of_best_order(search, first if is_first and self.log_states else structure)
+
+            def refined_on_linear_scale(law: Law) -> Law:
+                with unlimited():
+                    return refine(law, trials, log_states=(), progress=silent)
+
             return likelier_scale(
-                partial(law_of_best_order, replace(search, options=replace(self, log_states=states)), first),
+                partial(
+                    law_of_best_order, replace(search, options=replace(self, log_states=states), best=Best()), first
+                ),
                 partial(law_of_best_order, search, structure),
-                lambda law: refine(law, trials, log_states=(), progress=silent),
+                refined_on_linear_scale,
                 trials,
             )
 
@@ -179,6 +190,35 @@ def _fitted(law: Law, options: RefitOptions, trials: Trials) -> Law:
 
 
 def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law:
+    """Return the law of largest evidence among those of several orders, or that so far if the time is over.
+
+    Raises `CommonlawError` if no law of any order can be fitted: the last reason.
+    """
+    limit, best = current_limit(), search.best
+    if limit is None or best is None:
+        return _law_of_best_order(search, structure)
+    limit.await_result()
+    try:
+        law = _law_of_best_order(search, structure)
+        return stopped(law, limit.elapsed, best.left_out) if best.left_out else law
+    except OutOfTimeError:
+        search, elapsed = best.search or search, limit.elapsed
+    with unlimited():
+        law, _ = _law(search, best.candidate, is_stopped=True)
+    untried = dict.fromkeys((*best.left_out, *best.untried, _TEXTBOOK, _RIVALS))
+    return stopped(without_strange_objects(law, search.strange), elapsed, [*untried])
+
+
+def stopped(law: Law, seconds: float, untried: Sequence[str]) -> Law:
+    """Return a law with a note, and a step of its history, on what its search has not tried in so many seconds."""
+    time, provenance = in_words(seconds), law.provenance
+    outcome = note("search-stopped", time=time, untried=untried)
+    step = Step("search", f"stopped after {time}", f"not tried, or not to the end: {', '.join(untried)}")
+    outcomes, history = (outcome, *provenance.outcomes), (*provenance.history, step)
+    return replace(law, provenance=replace(provenance, outcomes=outcomes, history=history))
+
+
+def _law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law:
     """Return the law of largest evidence among those of several orders with equal prior probabilities.
 
     Objects that are strange to a law of richer terms are left out, too: plain terms may imitate the laws of all.
@@ -197,7 +237,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
     if best.has_richer:
         best = with_objects_apart(best, search, of_some)
         if best.apart:
-            return law_of_best_order(search.without(best.apart.objects), structure)
+            return _law_of_best_order(search.without(best.apart.objects), structure)
     law, score = _law(search, best)
     law = without_strange_objects(law, search.strange)
     if not several:
@@ -213,6 +253,28 @@ class _Chosen(NamedTuple):
     candidates: Sequence[Candidate]
     failures: Sequence[CommonlawError]
     several: bool
+
+
+_ERRORS, _RICHER = "errors other than white noise", "richer terms"
+_TEXTBOOK, _RIVALS = "textbook laws", "rivals by forecasts of held-out data"
+"""What a search tries besides plain terms, in words."""
+
+
+def _in_share(
+    search: CandidateSearch, share: float, step: Callable[[], tuple[list[Candidate], list[CommonlawError]]]
+) -> tuple[list[Candidate], list[CommonlawError]]:
+    """Return what a step of a search returns, or the candidates so far if it takes more than a share of the time.
+
+    So each of orders, error models and richer terms has a third of it, or what the one before leaves.
+    """
+    limit, best = current_limit(), search.best
+    if limit is None or best is None:
+        return step()
+    none = list[Candidate](), list[CommonlawError]()
+    with limit.until(share):
+        candidates, failed = search.in_time(step, none)
+    check()
+    return candidates or [*best.candidates.values()], failed
 
 
 def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) -> _Chosen:
@@ -232,7 +294,9 @@ def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) ->
 
     def of_order(order: Order, simple: Candidate | None) -> Candidate:
         if several:
-            search.progress(f"searching laws of order {order_in_words(order, search.trials.schema.states)}")
+            what = f"laws of order {order_in_words(order, search.trials.schema.states)}"
+            search.has_not_tried(what, _ERRORS, _RICHER)
+            search.progress(f"searching {what}")
         is_first, library = several and order == lowest, structure.library
         if simple and simple.has_richer:  # Where it is a law of first order, most terms of second order are redundant
             library = library.linear or library
@@ -246,7 +310,11 @@ def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) ->
                 candidate = search.richer(candidate)
         return candidate
 
-    candidates, refused = search_orders(of_order, possible)
+    def of_orders() -> tuple[list[Candidate], list[CommonlawError]]:
+        return search_orders(of_order, possible)
+
+    search.has_not_tried("strange objects", _ERRORS, _RICHER)
+    candidates, refused = _in_share(search, 1 / 3, of_orders)
     best = min(candidates)
     if best.apart:
         return _candidates_of_orders(search.without(best.apart.objects), structure)
@@ -255,8 +323,10 @@ def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) ->
         candidates, _ = apply_to_each(search.finer, candidates)
     if search.options.errors == "auto" and min(candidates).pool.best.reason_for_error_model:
         # Before richer terms, which would explain the errors of measurements
-        candidates, _ = apply_to_each(search.finer, candidates)
-        candidates, _ = apply_to_each(search.with_errors, candidates)
+        search.has_not_tried(_ERRORS, _RICHER)
+        finer, _ = _in_share(search, 2 / 3, partial(apply_to_each, search.finer, candidates))
+        candidates, _ = _in_share(search, 2 / 3, partial(apply_to_each, search.with_errors, finer))
+    search.has_not_tried(_RICHER)
     candidates = _with_richer_terms(search, candidates)
     candidates, failed = _with_errors(search, candidates)
     return _Chosen(search, candidates, [*refused, *failed], several)
@@ -301,26 +371,37 @@ def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[
     return candidates, failed
 
 
-def _law(search: CandidateSearch, best: Candidate) -> tuple[Law, Score]:
-    """Return the law of a candidate, or of a better forecaster from its pool, and its score."""
+def _law(search: CandidateSearch, best: Candidate, is_stopped: bool = False) -> tuple[Law, Score]:
+    """Return the law of a candidate, or of a better forecaster from its pool, and its score.
+
+    If the search `is_stopped` it is that of the candidate, and has no rivals.
+    """
     options, shared, progress = search.options, best.screened.structure.shared_in, part(search.progress, 0.9, 1.0)
     kinds = error_kinds(options.errors, search.trials.schema)
 
     def pooled(law: Law) -> Law:
         return pool_objects(law, shared(law), options.partial_pooling)
 
-    pool, errors = best_forecaster(with_textbook_laws(with_leading_support(best.pool)), kinds, pooled, progress)
+    pool = Pool((best.pool.best.with_alternatives(()),)) if is_stopped else best.pool
+    if not is_stopped:
+        pool = search.in_time(lambda: with_textbook_laws(with_leading_support(best.pool)), pool, _TEXTBOOK)
+    with unlimited():
+        errors = standardized_errors(pool.best, pooled)
+    if not is_stopped:
+        of_best = pool, errors
+        pool, errors = search.in_time(lambda: best_forecaster(*of_best, kinds, pooled, progress), of_best, _RIVALS)
     progress("computing standard errors and inclusion probabilities")
-    printed, is_converged = reported(pool)
-    law = assemble(
-        printed,
-        is_converged,
-        errors=errors,
-        pooled=lambda law: with_pooled_forecasts(law, shared(law), options.partial_pooling),
-        covariance=options.covariance,
-        seed=options.seed,
-        tried_errors=len(kinds) > 1,
-    )
+    with unlimited():
+        printed, is_converged = reported(pool)
+        law = assemble(
+            printed,
+            is_converged,
+            errors=errors,
+            pooled=lambda law: with_pooled_forecasts(law, shared(law), options.partial_pooling),
+            covariance=options.covariance,
+            seed=options.seed,
+            tried_errors=len(kinds) > 1,
+        )
     history = (*best.screened.steps, *best.steps, *law.history)
     score = printed.best.score if printed.best.score.kind is Kind.EVIDENCE else final(pool.best)[0].score
     return replace(law, provenance=replace(law.provenance, history=history)), score

@@ -19,6 +19,7 @@ from commonlaw.likelihood.levels import MOVED, covariance_by_levels, likeliest_l
 from commonlaw.likelihood.mesh import MIN_NOISE
 from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
 from commonlaw.runtime.fit_options import ErrorKind
+from commonlaw.runtime.time_limit import check
 from commonlaw.text import counted
 
 DRAWS = 128
@@ -132,6 +133,7 @@ def minimum(
     Marquardt. With a scale, variables and bounds are ``log(unknowns / scale)``. The sum is infinite where the search
     fails, or residuals are not finite at the start.
     """
+    check()
     from scipy.optimize import least_squares
 
     def whole(point: Floats) -> Floats:

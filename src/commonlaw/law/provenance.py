@@ -267,6 +267,11 @@ class Provenance:
         return pd.DataFrame(rows)
 
     @property
+    def is_stopped(self) -> bool:
+        """Whether the search for the law was ended before it had tried everything."""
+        return any(outcome.kind is OutcomeKind.STOPPED for outcome in self.outcomes)
+
+    @property
     def is_learned(self) -> bool:
         """Whether anything is on record of how the law was learned from trials: it may have been given as it is."""
         return bool(self.history or self.calls or self.alternatives or self.outcomes or self.differentiation)

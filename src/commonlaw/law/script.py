@@ -187,8 +187,8 @@ def _is_text(tree: ast.expr) -> bool:
     return isinstance(tree, ast.Constant) and isinstance(tree.value, str)
 
 
-_NOT_SAID = ("n_jobs", "progress", "cache", "client")
-"""Arguments that change nothing in a law."""
+_NOT_SAID = ("n_jobs", "progress", "cache", "client", "time_limit")
+"""Arguments that change nothing in a law, but that it may not be found."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.parallel import in_parallel
+from commonlaw.runtime.time_limit import check
 
 
 def fit(
@@ -47,6 +48,7 @@ def fit_each(
     steps: int = 12,
 ) -> tuple[Estimate, ...]:
     """Return the estimate of largest likelihood of each of several objects, see `fit`."""
+    check()
     if len(models) > 1 and threads_are_worthwhile(models):
         return tuple(in_parallel(lambda model, start: fit(model, start, support, model_errors, steps), models, starts))
     prepared = _compiled(models)
@@ -63,6 +65,7 @@ def linearize_each(
     columns: Bools | None = None,
 ) -> list[Linearization]:
     """Return the linearized likelihood of each of several objects, see `linearize`."""
+    check()
     if len(models) > 1 and threads_are_worthwhile(models):
         return in_parallel(lambda model, estimate: linearize(model, estimate, model_error, columns), models, estimates)
     prepared = _compiled(models)
@@ -133,6 +136,7 @@ class LinearizedObjects:
         The standard deviations of white noise have shape (points, d), over all meshes; the model error is relative to
         the models' units. Raises `NotPositiveError` if numbers are not finite, or too far apart.
         """
+        check()
         library = kernel()
         if library is not None and self._batch is not None:
             return self._batch.linearize(library, std, latent, model_error)

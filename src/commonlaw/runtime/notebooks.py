@@ -40,9 +40,10 @@ class ProgressBar:
         self._began = monotonic()
         self._handle: Any = None
 
-    def __call__(self, step: str) -> None:
-        """Show a step."""
+    def __call__(self, step: str, interim: str = "") -> None:
+        """Show a step, and below it what was found so far."""
         content = f"<progress></progress> {escape(in_line(step))} ({monotonic() - self._began:.0f} s)"
+        content += f"<br>{escape(interim)}" * bool(interim)
         if self._handle is None:
             self._handle = resolve_name("IPython.display:display")(_html(content), display_id=True)
             finalize(self, _end, self._handle, self._began)

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.forking import ProcessLock
+from commonlaw.runtime.time_limit import check
 
 T = TypeVar("T")
 
@@ -108,6 +109,7 @@ class _Team:
                 except IndexError:  # Another thread was first
                     return
                 try:
+                    check()
                     given = pieces[number]()
                     with alone:
                         results[number] = given

@@ -39,6 +39,10 @@ class Stage(str):
         return Stage, (str(self), self.done)
 
 
+class Interim(str):
+    """What work has found so far, in a line; it is no step of the work."""
+
+
 def part(progress: ProgressCallback, begin: float, end: float) -> ProgressCallback:
     """Return what takes the steps of a part of some work, from one share of it to another.
 
@@ -47,16 +51,24 @@ def part(progress: ProgressCallback, begin: float, end: float) -> ProgressCallba
     >>> shares
     [0.7]
     """
-    return lambda step: progress(Stage(step, begin + (end - begin) * getattr(step, "done", 0.0)))
+
+    def take(step: str) -> None:
+        is_step = not isinstance(step, Interim)
+        progress(Stage(step, begin + (end - begin) * getattr(step, "done", 0.0)) if is_step else step)
+
+    return take
 
 
 class Elapsed:
-    """How far work has come: its step, how long it has taken, and what is left where steps say their share."""
+    """How far work has come: its step, how long it has taken, and what is left where steps say their share.
+
+    `interim` is what it has found so far, in a line, if it has found something.
+    """
 
     def __init__(self) -> None:
         self._began = monotonic()
         self._done, self._done_after = 0.0, 0.0
-        self.step = ""
+        self.step, self.interim, self._said = "", "", ""
 
     @property
     def seconds(self) -> float:
@@ -65,9 +77,17 @@ class Elapsed:
 
     def take(self, step: str) -> None:
         """Begin a step; its share may be smaller than one before, where work turns out to be more."""
+        if isinstance(step, Interim):
+            self.interim = in_line(step)
+            return
         self.step = step
         if isinstance(step, Stage):
             self._done, self._done_after = step.done, self.seconds
+
+    def lines(self) -> list[str]:
+        """Return what it has found since the last call, if anything, and the step."""
+        news, self._said = [self.interim] * (self.interim != self._said), self.interim
+        return [*news, str(self)]
 
     def __str__(self) -> str:
         """Return the step in words, with the time and what is left."""
@@ -96,18 +116,24 @@ def on_terminal() -> ProgressCallback:
 
     That is a terminal on stderr, when they take long, or a notebook.
     """
+    course = Elapsed()
     if in_notebook():
-        return ProgressBar()
+        bar = ProgressBar()
+
+        def show(step: str) -> None:
+            course.take(step)
+            bar(course.step, course.interim)
+
+        return show
     # Where standard error is closed there is none
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda _: None
-    course = Elapsed()
 
     def tell(step: str) -> None:
         course.take(step)
         if course.seconds > SECONDS_UNTIL_SHOWN:
             with suppress(OSError):  # a terminal may be closed while work goes on
-                sys.stderr.write(f"commonlaw: {course}\n")
+                sys.stderr.writelines(f"commonlaw: {line}\n" for line in course.lines())
 
     return tell
 

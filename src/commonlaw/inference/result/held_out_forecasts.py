@@ -204,17 +204,20 @@ def _standardized_errors(
 
 
 def best_forecaster(
-    pool: Pool, kinds: Sequence[ErrorKind], pooled: Callable[[Law], Law], progress: ProgressCallback
+    pool: Pool,
+    errors_of_best: list[StandardizedErrors],
+    kinds: Sequence[ErrorKind],
+    pooled: Callable[[Law], Law],
+    progress: ProgressCallback,
 ) -> tuple[Pool, list[StandardizedErrors]]:
     """Return a pool whose best has the best forecasts of held-out data, and the errors of its forecasts.
 
     It remains that of largest evidence if its standardized errors are as expected, but process noise lets a law fit any
     measurements: one with it gives way to a deterministic law, too, if the evidence of forecasts for this is strong, or
     if its own are no better than the last value, and then also to another one with process noise for strong evidence.
-    If another one is chosen, laws of larger evidence under the same errors become its rivals. `pooled` pools the
-    coefficients of the objects.
+    If another one is chosen, laws of larger evidence under the same errors become its rivals. `errors_of_best` are
+    those of the best, and `pooled` pools the coefficients of the objects, see `standardized_errors`.
     """
-    errors_of_best = standardized_errors(pool.best, pooled)
     is_off = _are_forecasts_off(pool.best, errors_of_best)
     # Without terms it is the last value that is forecast
     is_idle = pool.best.has_process_noise and (not pool.best.size or _no_better_than_last(errors_of_best))

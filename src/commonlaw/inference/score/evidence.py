@@ -28,6 +28,7 @@ from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE
 from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
 from commonlaw.likelihood import ERRORS, ErrorModel, Scales, cost_of_scatter
 from commonlaw.likelihood.levels import free_levels
+from commonlaw.runtime.time_limit import check
 from commonlaw.trials.trial import Replication
 
 (_MIN_COLUMN,), (_RIDGE,) = CONSTANTS["MIN_COLUMN"], CONSTANTS["RIDGE"]
@@ -166,6 +167,7 @@ def minus_twice_log_evidence(
     1). Indices are those of the terms; the coefficients of the last so many as are `common` do not differ between
     objects.
     """
+    check()
     library = kernel()
     if library is not None:
         return _compiled(library, factors, indices, noise_scale, needed, common)

@@ -22,7 +22,7 @@ from commonlaw.inference.fit.latent_initialization import latent_state_ranges
 from commonlaw.inference.fit.misfit import with_misfit
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.nonlinear_parameters import empirical_priors
-from commonlaw.inference.result.held_out_forecasts import best_forecaster
+from commonlaw.inference.result.held_out_forecasts import best_forecaster, standardized_errors
 from commonlaw.inference.result.history import (
     fit_steps,
     noise_step,
@@ -153,7 +153,8 @@ def _refined(law: Law, trials: Trials, options: RefitOptions, progress: Progress
     errors = "white" if options.errors == "auto" and pool.best.has_few_measurements else options.errors
     pool = choose_errors(pool, errors=errors, propose=lambda _: None, progress=progress)
     if pool.deterministic:
-        pool, _ = best_forecaster(pool, (), lambda law: law, progress)
+        errors_of_best = standardized_errors(pool.best, lambda law: law)
+        pool, _ = best_forecaster(pool, errors_of_best, (), lambda law: law, progress)
     shared = shared_coefficients(setup.law)
     is_joint = bool(shared.any()) and len(pool.best.estimates) > 1
     fit, is_converged = converged(replace(pool.best, shared=shared if is_joint else None), options.least_squares)
