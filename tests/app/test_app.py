@@ -254,6 +254,16 @@ def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_
     assert page.find_element("id", "start").is_enabled()
 
 
+def test_a_search_shows_its_best_law_so_far_and_stops_with_it(page, app, table):
+    page.open(app, table, "trials")
+    page.click("start")
+    page.wait("!$('going_stop').hidden")
+    assert "best law so far: x" in page.text("going_law")
+    page.click("going_stop")
+    page.wait("$('going').hidden && !$('result').hidden")
+    assert not page.text("failed")
+
+
 def test_roles_that_are_chosen_stay_and_a_file_whose_roles_are_not_recognised_is_opened(page, app, tmp_path):
     rows = [
         f"{sample};{run};{hour / 2};0,{100 + 10 * hour * run};{'late' * (hour > 3)}"

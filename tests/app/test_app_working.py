@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 import warnings
+from contextlib import suppress
 from functools import partial
 
 import psutil
@@ -13,7 +14,8 @@ import pytest
 
 from commonlaw.app.working import Work, prepare
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.progress import Stage
+from commonlaw.runtime.progress import Interim, Stage
+from commonlaw.runtime.time_limit import OutOfTimeError, check, limit_of, limited
 
 
 def ended(*tasks):
@@ -40,6 +42,18 @@ def dies(show):
 def waits(_):
     yield os.getpid()
     time.sleep(1000)
+
+
+def searches(show):
+    show(Interim("best law so far: x' = a x"))
+    yield os.getpid()
+    limit = limit_of(None)
+    limit.take_result()
+    with suppress(OutOfTimeError), limited(limit):
+        while True:
+            check()
+            time.sleep(0.01)
+    yield os.getpid(), "stopped"
 
 
 def warns(_):
@@ -119,6 +133,23 @@ def test_whatever_fails_is_shown_within_two_seconds(task, made, code, word):
     assert time.monotonic() - began < 2
     assert word in state["failure"]
     assert state["failure"].endswith(f"[{code}]")
+
+
+def test_work_that_is_stopped_goes_on_with_what_it_has_and_its_process_does_the_next():
+    work = Work(searches)
+    until = time.monotonic() + 60
+    while not work.times_made and time.monotonic() < until:
+        time.sleep(0.01)
+    assert work.state()["interim"] == "best law so far: x' = a x"
+    process = work.made
+    work.stop()
+    work.stop()
+    work._listener.join(60)
+    assert work.made == (process, "stopped")
+    assert not work.state()["failure"]
+    work.stop()  # changes nothing any more
+    (after,) = ended(fails)
+    assert after.made == process
 
 
 def test_work_that_is_closed_is_gone_without_a_trace():

@@ -18,6 +18,7 @@ from commonlaw.law import Law
 from commonlaw.law.script import Source
 from commonlaw.library.bounds import limits_of, parts_of
 from commonlaw.runtime.fit_options import FitOptions, read_settings, settings_of, shown_value
+from commonlaw.runtime.time_limit import DEFAULT_TIME_LIMIT
 from commonlaw.text import number_or_text
 from commonlaw.trials import Trials
 from commonlaw.trials.columns import Table as Cells
@@ -325,6 +326,8 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """Fitted as they are, in place of a search."""
     law: str | None = None
     """A saved law, which is then shown with these trials, and nothing is learned."""
+    time_limit: float | None = DEFAULT_TIME_LIMIT
+    """Seconds after which a search ends with the best law so far, None for no limit."""
 
     @property
     def method(self) -> "TrajectoryLikelihood | None":

@@ -259,6 +259,7 @@ _ROUTES: tuple[tuple[str, str, type | None, bool, Callable[[_Call], Any]], ...] 
     ("/searches", "POST", Question, False, lambda call: {"search": call.sessions.search(call.body)}),
     ("/searches/{name}", "GET", None, True, lambda call: call.search.state()),
     ("/searches/{name}", "DELETE", None, True, lambda call: call.search.cancel()),
+    ("/searches/{name}/stop", "POST", None, True, lambda call: call.search.stop()),
     ("/searches/{name}/question", "GET", None, True, lambda call: call.search.question),
     ("/searches/{name}/found", "GET", None, True, _found),
     (

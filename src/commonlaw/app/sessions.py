@@ -73,6 +73,10 @@ class Search:
         # What the page is sent is large
         self.fits.append(Work(partial(of_terms, replace(result, about={}, candidates=()), support)))
 
+    def stop(self) -> None:
+        """Let the search end with its best law so far."""
+        self._work.stop()
+
     def cancel(self) -> None:
         """End all that goes on."""
         self._work.cancel()
@@ -120,6 +124,7 @@ def answer(question: Question, table: Table, known: str | None, show: Callable[[
             method=question.method,
             known=dict(question.known.items()),
             progress=searching,
+            time_limit=question.time_limit,
         )
         if question.explain:
             show("explaining coefficients")

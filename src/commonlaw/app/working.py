@@ -2,18 +2,21 @@
 
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
 
 from commonlaw.app.question import fault, message, text_in_page
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.progress import Interim
 from commonlaw.runtime.shutdown import begun, end_with_parent
+from commonlaw.runtime.time_limit import stoppable
 
 T = TypeVar("T")
 
@@ -77,6 +80,8 @@ class Work(Generic[T]):
     """What it has made so far."""
     times_made: int = 0
     is_running: bool = True
+    interim: str = ""
+    """What it has found so far, in a line; with it, it can be stopped."""
     done: float | None = None
     """The largest share of the whole that was done when a stage began; None until one says it."""
 
@@ -87,6 +92,12 @@ class Work(Generic[T]):
         self._process, self._connection = _READY.taken()
         self._listener = Thread(target=self._listen, daemon=True)
         self._listener.start()
+
+    def stop(self) -> None:
+        """Let it go on with what it has found so far, and end soon."""
+        with self._lock, suppress(OSError):  # Its process may have ended
+            if self.is_running:
+                self._connection.send(_STOP)
 
     def cancel(self) -> None:
         """End it now, if it goes on."""
@@ -103,13 +114,14 @@ class Work(Generic[T]):
     def state(self) -> dict[str, Any]:
         """Return what is sent to the page: whether it goes on, its stages with the seconds that they took, what failed.
 
-        And how often it has made something, and the share of the whole that is done, null where it is not known.
+        And what it has found so far in a line, how often it has made something, and the share of the whole that is
+        done, null where it is not known.
         """
         with self._lock:
             begun = [when for _, when in self.stages]
             ends = [*begun[1:], time()]
             stages = [(what, round(end - when, 1)) for (what, when), end in zip(self.stages, ends, strict=True)]
-            steps = {"stages": stages, "done": self.done, "made": self.times_made}
+            steps = {"stages": stages, "interim": self.interim, "done": self.done, "made": self.times_made}
             return {"running": self.is_running, "failure": self.failure} | steps
 
     def _listen(self) -> None:
@@ -141,6 +153,8 @@ class Work(Generic[T]):
                 text, when, done = value
                 self.stages.append((text, when))
                 self.done = done if self.done is None else max(self.done, done or 0.0)
+            elif kind == "interim":
+                self.interim = value
             elif kind == "made":
                 self.made, self.times_made = value, self.times_made + 1
             else:
@@ -155,18 +169,50 @@ def _work(connection: Connection, *modules: str) -> None:
             import_module(module)
     try:
         while True:
-            _do(connection.recv(), connection)
+            received = connection.recv()
+            if received != _STOP:  # Of a task that has ended since
+                _do(received, connection)
     except (EOFError, ConnectionError):  # the app has ended
         pass
+
+
+_STOP = "stop"
+"""What is sent to a process whose task is to end with what it has found."""
+
+
+@contextmanager
+def _stopped_from(connection: Connection) -> Iterator[None]:
+    """Let a search within end with its best law once that is asked for over a connection."""
+    stop, ended = Event(), Event()
+
+    def listen() -> None:
+        with suppress(EOFError, OSError):
+            while not ended.wait(0.1):
+                if connection.poll():
+                    connection.recv()
+                    stop.set()
+
+    listener = Thread(target=listen, daemon=True)
+    listener.start()
+    try:
+        with stoppable(stop):
+            yield
+    finally:
+        ended.set()
+        listener.join()
 
 
 def _do(task: Task[Any], connection: Connection) -> None:
     """Do a task, and say how far it has come, what it has made, and its end."""
 
     def show(stage: str) -> None:
-        connection.send(("stage", (str(stage), time(), getattr(stage, "done", None))))
+        if isinstance(stage, Interim):
+            connection.send(("interim", str(stage)))
+        else:
+            connection.send(("stage", (str(stage), time(), getattr(stage, "done", None))))
 
-    with warnings.catch_warnings():  # Each task has all its warnings: what was shown of another one is forgotten
+    # Each task has all its warnings: what was shown of another one is forgotten
+    with _stopped_from(connection), warnings.catch_warnings():
         warnings.showwarning = lambda text, *_, **__: show(text_in_page(str(text)))
         try:
             for made in task(show):

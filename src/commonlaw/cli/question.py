@@ -13,7 +13,7 @@ from commonlaw.cli.options import Decorator, ReadLaw, as_one, by_name, is_of_kin
 from commonlaw.cli.output import Artifacts, say
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value
-from commonlaw.runtime.time_limit import stopped_by_interrupts
+from commonlaw.runtime.time_limit import DEFAULT_TIME_LIMIT, stopped_by_interrupts
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
@@ -150,10 +150,6 @@ class _Order(click.IntRange):
             by_state: dict[str, Any] = {**by_name("--order", value.split(","))}
             return {state: super(_Order, self).convert(order, param, ctx) for state, order in by_state.items()}
         return value if value == "auto" else super().convert(value, param, ctx)
-
-
-DEFAULT_TIME_LIMIT = 60.0
-"""Seconds of a search that somebody awaits."""
 
 
 def _time_limit(text: str) -> float:

@@ -217,11 +217,15 @@ def _unexplained(residuals: Residuals, j: int, schema: Schema) -> Unexplained:
 
 
 class _Nearest(NamedTuple):
-    """Named models with the same terms, 2 log B of the law against them, and whether the law is this model."""
+    """Named models with the same terms, 2 log B of the law against them, and whether the law is this model.
+
+    `fitted` is the first of them as a law under white noise, if it was fitted so.
+    """
 
     models: tuple[NamedModel, ...]
     evidence: float
     is_law: bool = False
+    fitted: Law | None = None
 
 
 def nearest_textbook_law(
@@ -239,7 +243,10 @@ def nearest_textbook_law(
         errors, verdict = law.uncertainty.error_model, verdict or assess(law, whole, training)
         named, of_named = law, verdict
         if not nearest.is_law:
-            named = _fit(nearest.models[0], training, law, errors.kind)
+            if nearest.fitted is not None and errors.kind == "white":
+                named = nearest.fitted
+            else:
+                named = _fit(nearest.models[0], training, law, errors.kind)
             of_named = assess(named, whole, training)
         under = replace(named, uncertainty=replace(named.uncertainty, error_model=errors))
         residuals = [untested(one, training, law.uncertainty.noise)[0] for one in (under, law)]
@@ -468,9 +475,9 @@ class _Ranked(NamedTuple):
 def _nearest(law: Law, trials: Trials, most: float = np.inf) -> _Nearest | None:
     """Return the nearest named model; None if there is none, or 2 log B against it is above `most`.
 
-    One whose variables have the names of the columns comes before others. All have the error model of the law. With a
-    finite `most`, models are not fitted if by the linearized likelihood n residuals have e times the variance of those
-    of the law, ``2 log B = n``.
+    One whose variables have the names of the columns comes before others. All have the error model of the law. Models
+    are not fitted if by the linearized likelihood n residuals have e times the variance of those of the nearest, or
+    with a finite `most` of those of the law, ``2 log B = n``.
     """
     candidates = {
         places: known
@@ -486,19 +493,27 @@ def _nearest(law: Law, trials: Trials, most: float = np.inf) -> _Nearest | None:
     chosen = _fitted(law, trials, law)
     ranked = sorted(_linearized(chosen, law.schema, candidates.values()), key=lambda named: named.above)
     ranked = [named for named in ranked if any(known.has_names for known in named.alike)] or ranked
-    measured = sum(chosen.problem.measured) if np.isfinite(most) else np.inf
-    near = [named for named in ranked[:_MAX_FITTED] if named.above < measured]
-    fits, _ = attempt_each(lambda named: (_fitted(_law_of(named, trials, law), trials, law), named.alike), near)
+    measured = sum(chosen.problem.measured)
+    farthest = measured + (ranked[0].above if ranked and np.isinf(most) else 0.0)
+    near = [named for named in ranked[:_MAX_FITTED] if named.above < farthest]
+
+    def fit_near(named: _Ranked) -> tuple[Fit, Law, Sequence[_Candidate]]:
+        law_of_model = _law_of(named, trials, law)
+        return _fitted(law_of_model, trials, law), law_of_model, named.alike
+
+    fits, _ = attempt_each(fit_near, near)
     # Converged fits differ from these by less than strong evidence as a rule
-    least = min((_score(fitted) for fitted, _ in fits), default=0.0)
-    close = [pair for pair in fits if _score(pair[0]) < min(least, _score(chosen) + most) + settings.STRONG]
+    least = min((_score(fitted) for fitted, *_ in fits), default=0.0)
+    close = [triple for triple in fits if _score(triple[0]) < min(least, _score(chosen) + most) + settings.STRONG]
     best, of_law = list[_Nearest](), score_of_fit(converged(chosen)[0]) if close else None
-    for fitted, alike in close:
+    for fitted, law_of_model, alike in close:
         done = converged(fitted)[0]
         coefficients = np.array([estimate.coefficients for estimate in done.estimates])
         models = _of_signs(alike, coefficients, done.problem.terms) if alike[0].is_free else alike
         if of_law is not None and models:
-            best.append(_Nearest(tuple(candidate.model for candidate in models), score_of_fit(done) - of_law))
+            under_white_noise = None if alike[0].is_free else law_of_model
+            models_of_terms = tuple(candidate.model for candidate in models)
+            best.append(_Nearest(models_of_terms, score_of_fit(done) - of_law, fitted=under_white_noise))
     nearest = min(best, key=lambda nearest: nearest.evidence, default=None)
     return nearest if nearest is not None and nearest.evidence <= most else None
 

@@ -11,6 +11,9 @@ from contextvars import ContextVar
 from threading import Event, current_thread, main_thread
 from time import monotonic
 
+DEFAULT_TIME_LIMIT = 60.0
+"""Seconds of a search that somebody awaits."""
+
 
 class OutOfTimeError(Exception):
     """The time is over, or somebody asked for an end: go on with what there is."""

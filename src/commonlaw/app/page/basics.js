@@ -80,6 +80,7 @@ export async function trying(place, work) {
 /** Show that work begins. */
 export function begin(place) {
   showStages(place, { stages: [] });
+  showInterim(place, "");
   $(place).hidden = false;
 }
 
@@ -90,6 +91,8 @@ export function begin(place) {
 export async function follow(path, place, left, made = async () => {}) {
   begin(place);
   $(`${place}_cancel`).onclick = () => ask(path, "DELETE");
+  const stop = $(`${place}_stop`);
+  if (stop) stop.onclick = () => { stop.disabled = true; ask(`${path}/stop`, "POST"); };
   for (let before = 0; ;) {
     const told = await ask(path);
     if (left()) return null;
@@ -99,8 +102,18 @@ export async function follow(path, place, left, made = async () => {}) {
     if (told.failure) throw new Error(told.failure);
     if (!told.running) return told;
     showStages(place, told);
+    showInterim(place, told.interim);
     await new Promise(done => setTimeout(done, 400));
   }
+}
+
+/** Show the best law so far, with which a search can be stopped. */
+function showInterim(place, interim) {
+  const law = $(`${place}_law`), stop = $(`${place}_stop`);
+  if (!law) return;
+  if (law.textContent !== interim) law.textContent = interim;
+  stop.hidden = !interim;
+  if (!interim) stop.disabled = false;
 }
 
 /** Show what is being done, and below what was done, the latest first; how long it took, of several in a row together. */

@@ -59,12 +59,12 @@ function question(more) {
   const kind = $("hold_out").value, order = $("order").value;
   return {
     table: state.table, columns: state.columns, order: order === "auto" ? order : Number(order), library: $("own_library").value.trim() || $("library").value,
-    hold_out: { kind, value: kind === "after" ? $("after").value : $("held").value }, known: known(), explain: $("explain").checked, settings: settings(), ...more,
+    hold_out: { kind, value: kind === "after" ? $("after").value : $("held").value }, known: known(), explain: $("explain").checked, time_limit: $("time_limit").value === "" ? null : Number($("time_limit").value), settings: settings(), ...more,
   };
 }
 
 /** Put what was asked before into the form. */
-export function showQuestion({ order, library, hold_out, known, explain, settings, equations }) {
+export function showQuestion({ order, library, hold_out, known, explain, time_limit, settings, equations }) {
   if (equations) restoreEquations(equations);
   $("order").value = order;
   showLibraries();
@@ -76,6 +76,7 @@ export function showQuestion({ order, library, hold_out, known, explain, setting
   $(hold_out.kind === "after" ? "after" : "held").value = hold_out.value;
   $("known").value = Object.entries(known).map(pair => pair.join("=")).join(", ");
   $("explain").checked = explain;
+  $("time_limit").value = time_limit ?? "";
   for (const { name, choices, default: usual } of state.settings) $(`setting_${name}`).value = settings[name]?.join(", ") ?? (Object.keys(choices).length ? usual : "");
 }
 
