@@ -23,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery scores bench-bound bench-coverage bench-fits bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-confounding bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery scores bench-bound bench-coverage bench-fits bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-growth bench-choice bench-confounding bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -130,6 +130,9 @@ bench-ratios: $(STAMP) ## Laws that are ratios of two sums, beside plain ones: t
 
 bench-cluster: $(STAMP) ## What a second worker of a cluster saves: ten minutes; less with ARGS="--rows 1e6 --objects 200"
 	$(BIN)/python -m benchmarks.cluster $(ARGS)
+
+bench-growth: $(STAMP) ## How time and memory grow with samples, objects, terms and states: ten minutes; less with ARGS="--axis terms"
+	$(BIN)/python -m benchmarks.growth $(ARGS)
 
 bench-cost: $(STAMP) ## What a law with nothing given costs: minutes
 	$(BIN)/python -m benchmarks.cost $(ARGS)

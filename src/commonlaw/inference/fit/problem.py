@@ -239,7 +239,7 @@ class SearchProblem:
             return settings.FINAL_MODEL_ERRORS
         return (*(error for error in (settings.MODEL_ERRORS[-2], *settings.FINAL_MODEL_ERRORS) if error > least), least)
 
-    @property
+    @cached_property
     def _exact_share(self) -> float:
         """The smallest noise of a state, relative to that of now, if a search has no more; zero if there is more."""
         if self.solver is None or self.noise_given:
