@@ -6,11 +6,13 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.diagnostics import OutcomeKind
+from commonlaw.discovery import estimator
 from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.method import ModelStructure
 from commonlaw.discovery.strange_objects import with_objects_apart
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.search.strange_objects import suspects
+from commonlaw.runtime.time_limit import TimeLimit
 
 TIMES = np.linspace(0, 5, 20)
 RATES = (0.4, 0.5, 0.7, 0.9)
@@ -208,3 +210,20 @@ def test_noise_that_outliers_alone_scatter_is_one_noise():
     assert law.structure == ("x' = a + b x",)
     assert not law.uncertainty.error_model
     assert "outliers" in [step.stage for step in law.history]
+
+
+def test_under_a_limit_that_is_over_when_objects_are_left_out_the_law_is_that_of_the_others(strange, monkeypatch):
+    trials, law = strange
+    seconds, without = [0.0], CandidateSearch.without
+
+    def late(search, objects):
+        seconds[0] = 40.0
+        return without(search, objects)
+
+    monkeypatch.setattr(estimator, "limit_of", lambda _: TimeLimit(60, clock=lambda: seconds[0]))
+    monkeypatch.setattr(CandidateSearch, "without", late)
+    limited = cl.discover(trials, order=1, library="poly:2", cache=False)
+    assert limited.provenance.is_stopped
+    assert limited.objects == law.objects == trials.objects[:-1]
+    assert limited.provenance.domain.strange == (trials.objects[-1],)
+    np.testing.assert_allclose(limited.coefficients, law.coefficients, rtol=0.05)

@@ -57,8 +57,6 @@ class Best:
 
     def take(self, search: "CandidateSearch", candidate: "Candidate") -> None:
         """Take a candidate in place of that of its order, and show it if it is another law, and the best."""
-        if self.search is not None and search.strange != self.search.strange:  # Of other objects
-            self.candidates.clear()
         before = self.candidate if self.candidates else None
         self.search, self.candidates[candidate.order] = search, candidate
         if self.candidate is candidate and (before is None or before.pool.best.model != candidate.pool.best.model):
@@ -66,6 +64,14 @@ class Best:
         limit = current_limit()
         if limit is not None:
             limit.take_result()
+
+    def begin_again(self) -> None:
+        """Forget what was found, and await the first law again."""
+        self.candidates.clear()
+        self.left_out.clear()
+        limit = current_limit()
+        if limit is not None:
+            limit.await_result()
 
     @property
     def candidate(self) -> "Candidate":

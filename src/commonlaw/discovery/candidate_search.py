@@ -223,7 +223,9 @@ class CandidateSearch:
         return otherwise
 
     def without(self, strange: Sequence[StrangeObject]) -> "CandidateSearch":
-        """Return the search without strange objects."""
+        """Return the search without strange objects, which begins again: the laws so far are of all objects."""
+        if self.best is not None:
+            self.best.begin_again()
         names = tuple(stray.name for stray in strange)
         return replace(self, trials=without_objects(self.trials, names), strange=(*self.strange, *strange))
 

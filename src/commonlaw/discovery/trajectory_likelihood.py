@@ -200,7 +200,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
     limit.await_result()
     try:
         law = _law_of_best_order(search, structure)
-        return stopped(law, limit.elapsed, best.left_out) if best.left_out else law
+        return stopped(law, limit.elapsed, [*dict.fromkeys(best.left_out)]) if best.left_out else law
     except OutOfTimeError:
         search, elapsed = best.search or search, limit.elapsed
     with unlimited():
