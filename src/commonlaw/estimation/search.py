@@ -15,7 +15,7 @@ from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Scales
-from commonlaw.likelihood.levels import MOVED, errors_of_levels, likeliest_levels, scales_of
+from commonlaw.likelihood.levels import MOVED, covariance_by_levels, likeliest_levels, scales_of
 from commonlaw.likelihood.mesh import MIN_NOISE
 from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
 from commonlaw.runtime.fit_options import ErrorKind
@@ -635,14 +635,12 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     optimum = _summary(problem, unknowns, noise, bounds, given=False, alike=optimum.starts_alike)
     if is_known:
         return problem, optimum
-    if errors.levels.size:
+    if model.is_of_trials:
         covariance, free = optimum.covariance.copy(), ~optimum.at_bound
         fit, every = problem.linearized(unknowns, noise, free), np.concatenate([noise, errors.levels])
         limits = _bounds_of_levels(problem)
-        of_levels = errors_of_levels(model, [fit], every, problem.known_noise, *limits)
-        covariance[np.ix_(free, free)] += of_levels.added[0]
-        degrees = np.minimum(optimum.degrees_of_freedom, of_levels.degrees_of_freedom)
-        optimum = replace(optimum, covariance=covariance, degrees_of_freedom=degrees)
+        covariance[np.ix_(free, free)] += covariance_by_levels(model, [fit], every, problem.known_noise, *limits)[0]
+        optimum = replace(optimum, covariance=covariance)
     if kind == "by-object":
         noise, errors = _noise_by_object(problem, unknowns, noise, bounds, restricted=False)
     else:

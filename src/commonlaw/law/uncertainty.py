@@ -277,8 +277,7 @@ class Uncertainty:
         Partially pooled estimates for forecasts; None if forecasts use the coefficients of the law.
     degrees_of_freedom
         Of the noise estimate of each measured quantity, shape (m,), for Student's t distribution; of all where one has
-        none of its own, and at most those of the levels of other errors. None if the noise was given, for the normal
-        distribution.
+        none of its own. None if the noise was given, for the normal distribution.
     interval_inflation
         Inflation of forecast intervals, calibrated on held-out data (conformal).
     explanation

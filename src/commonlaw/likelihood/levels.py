@@ -106,16 +106,6 @@ class Innovations(NamedTuple):
         return np.asarray(innovations - self.gained * np.append(expected[1:], 0.0))
 
 
-class LevelErrors(NamedTuple):
-    """What errors of estimated levels of errors mean for the unknowns of fits, see `errors_of_levels`.
-
-    `added` to the covariances of unknowns, shape (k, k) of each fit, and the `degrees_of_freedom` of these covariances.
-    """
-
-    added: list[Floats]
-    degrees_of_freedom: float
-
-
 class DriftInnovations(NamedTuple):
     """What errors are off their expectation by those before them, for a drift with white noise.
 
@@ -294,18 +284,12 @@ class LinearizedFit:
         rest = float(diagonal[k] ** 2) if len(diagonal) > k else 0.0
         return total + rest + 2 * float(np.log(diagonal[:k]).sum())
 
-    def maximum(self, noise: Floats, errors: ErrorModel) -> tuple[Floats, Floats]:
-        """Return how the unknowns of largest likelihood at levels of errors are off those of the fit, shape (k,).
-
-        With them are the logarithms of their variances.
-        """
+    def moved(self, noise: Floats, errors: ErrorModel) -> Floats:
+        """Return how the unknowns of largest likelihood at levels of errors are off those of the fit, shape (k,)."""
         rows, target, _ = self._whitened(noise, errors)
         norms = np.linalg.norm(rows, axis=0)
         norms = np.where(norms > 0, norms, 1.0)
-        basis, sizes, directions = np.linalg.svd(rows / norms, full_matrices=False)
-        sizes = np.maximum(sizes, np.finfo(float).eps * len(rows) * sizes.max(initial=0.0))
-        inverse = directions.T / sizes
-        return -inverse @ (basis.T @ target) / norms, np.log(np.sum(inverse**2, axis=1)) - 2 * np.log(norms)
+        return -np.asarray(np.linalg.lstsq(rows / norms, target, rcond=None)[0]) / norms
 
     def _whitened(self, noise: Floats, errors: ErrorModel) -> tuple[Floats, Floats, float]:
         """Return the slopes of all residuals, whitened, shape (r, k), these, shape (r,), and `Deviations.deviance`."""
@@ -364,49 +348,43 @@ def likeliest_levels(
     )
 
 
-def errors_of_levels(
+def covariance_by_levels(
     model: AbstractErrors,
     fits: Sequence[LinearizedFit],
     levels: Floats,
     known: Bools,
     floor: Floats,
     scales: Scales,
-) -> LevelErrors:
-    """Return what errors of levels of largest restricted likelihood mean for the unknowns of fits.
+) -> list[Floats]:
+    """Return what errors of levels of largest restricted likelihood add to covariances of unknowns, (k, k) of each fit.
 
-    With the slopes D of estimates by the logarithms of levels, whose covariance is W, they add ``D' W D`` to the
-    covariance of the unknowns (Kackar and Harville 1984); W is twice the inverse Hessian of minus twice the restricted
-    log-likelihood with a prior as wide as the bounds, of variance ``(high - low)^2 / 12``. With the slopes g of
-    logarithms of variances of the unknowns, these have ``2 / (g' W g)`` degrees of freedom (Satterthwaite 1946), at
-    least one, by the mean of g' W g over all unknowns: n - p under white noise. Levels at their bounds, and known ones,
-    are fixed.
+    With the slopes D of estimates by the logarithms of levels, whose covariance is W, it is ``D' W D`` (Kackar and
+    Harville 1984); W is twice the inverse Hessian of minus twice the restricted log-likelihood. Levels at their bounds,
+    and known ones, are fixed.
     """
     m, logs, spacing = len(known), np.log(levels), 0.05
     low, high = level_bounds(model, scales, floor, np.where(known, levels[:m], np.nan))
-    is_inner = (logs > low + spacing) & (logs < high - spacing)
-    moves, width = spacing * np.eye(len(logs))[is_inner], (high - low)[is_inner] / np.sqrt(12)
+    moves = spacing * np.eye(len(logs))[(logs > low + spacing) & (logs < high - spacing)]
 
     def at(place: Floats) -> tuple[Floats, ErrorModel]:
         return np.exp(place[:m]), model.model(np.exp(place[m:]))
 
-    if not len(moves):
-        return LevelErrors([np.zeros((fit.prior[1].shape[1],) * 2) for fit in fits], np.inf)
     hessian, determined = np.zeros((len(moves),) * 2), [fit.orthogonal for fit in fits]
     for i, j in combinations_with_replacement(range(len(moves)), 2):
         both, apart = moves[i] + moves[j], moves[i] - moves[j]
         for sign, place in ((1, both), (1, -both), (-1, apart), (-1, -apart)):
             hessian[i, j] += sign * sum(fit.deviance(*at(logs + place)) for fit in determined) / (2 * spacing) ** 2
         hessian[j, i] = hessian[i, j]
-    sizes, directions = np.linalg.eigh(hessian * np.outer(width, width) / 2)
-    root = width[:, np.newaxis] * directions / np.sqrt(1 + np.maximum(sizes, 0.0))
-    added, scatters = list[Floats](), list[Floats]()
+    sizes, directions = np.linalg.eigh(hessian)
+    if not len(sizes) or sizes[-1] <= 0:
+        return [np.zeros((fit.prior[1].shape[1],) * 2) for fit in fits]
+    root = directions * np.sqrt(2 / np.maximum(sizes, _SAME_LOGARITHM * sizes[-1]))
+    result = list[Floats]()
     for fit in fits:
-        after, before = ([fit.maximum(*at(logs + sign * move)) for move in moves] for sign in (1, -1))
-        changes = np.array([np.subtract(*pair) for pair in zip(after, before, strict=True)])
-        estimates, variances = np.moveaxis(np.tensordot(root.T, changes, 1), 1, 0) / (2 * spacing)
-        added.append(estimates.T @ estimates)
-        scatters.append(np.sum(variances**2, axis=0))
-    return LevelErrors(added, max(1.0, 2 / max(float(np.concatenate(scatters).mean()), np.finfo(float).tiny)))
+        changes = [fit.moved(*at(logs + move)) - fit.moved(*at(logs - move)) for move in moves]
+        slopes = root.T @ np.array(changes) / (2 * spacing)
+        result.append(slopes.T @ slopes)
+    return result
 
 
 def over_decades(trials: Trials) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from commonlaw.inference.fit.shared_coefficients import leverage, maximum
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ERRORS, ErrorModel, NoiseByObject, deviations, whitened
-from commonlaw.likelihood.levels import Deviations, LevelErrors, LinearizedFit, errors_of_levels
+from commonlaw.likelihood.levels import Deviations, LinearizedFit, covariance_by_levels
 from commonlaw.runtime.fit_options import CovarianceKind
 
 
@@ -35,8 +35,7 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
     """
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
     given_starts = schema.is_latent & ~schema.with_free_start
-    of_levels = level_errors(fit)
-    by_object = covariances(fit, covariance, seed, of_levels)
+    by_object = covariances(fit, covariance, seed)
     if not np.isfinite(by_object).all():
         products = named_parameters(law).products
         names = {name: None for product in products for name, _ in product.coefficients}
@@ -53,7 +52,7 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
             pooled=None,
             noise=np.where(given_starts, noise_floor(problem.trials), problem.noise),
             error_model=errors,
-            degrees_of_freedom=degrees_of_freedom(fit, of_levels),
+            degrees_of_freedom=degrees_of_freedom(fit),
             interval_inflation=None,
             explanation=None,
             other_laws=(),
@@ -62,19 +61,18 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
     )
 
 
-def degrees_of_freedom(fit: Fit, of_levels: LevelErrors | None) -> Floats | None:
+def degrees_of_freedom(fit: Fit) -> Floats | None:
     """Return the degrees of freedom of the noise estimates, shape (states,); None if the noise is given.
 
     For unmeasured states, or with less than one, they are those of all states. Where the noise differs between objects
-    they are the fewest of one. They are at most those of other levels of errors.
+    they are the fewest of one.
     """
     if fit.problem.noise_given:
         return None
     freedom = residual_degrees_of_freedom(fit)
     if (scatters := fit.problem.scatters).any():
         freedom = residuals_by_object(fit).degrees_of_freedom(scatters)
-    freedom = np.where(freedom < 1, max(total_degrees_of_freedom(freedom), 1.0), freedom)
-    return freedom if of_levels is None else np.minimum(freedom, of_levels.degrees_of_freedom)
+    return np.where(freedom < 1, max(total_degrees_of_freedom(freedom), 1.0), freedom)
 
 
 def residual_degrees_of_freedom(fit: Fit) -> Floats:
@@ -149,16 +147,16 @@ def no_prior(parts: Sequence[Deviations]) -> tuple[Floats, Floats]:
     return np.zeros(0), np.zeros((0, parts[0].jacobian.shape[2]))
 
 
-def level_errors(fit: Fit) -> LevelErrors | None:
-    """Return what errors of levels mean for the coefficients of each object, see `errors_of_levels`.
+def _by_levels(fit: Fit) -> list[Floats] | None:
+    """Return what errors of levels that are known from few trials add to the covariance of each object's coefficients.
 
-    None under errors without levels, and with process noise.
+    None under other errors.
     """
     problem, model = fit.problem, ERRORS[fit.errors]
-    if model.group != "measurement" or not problem.errors.levels.size:
+    if not model.is_of_trials:
         return None
     levels, known = np.concatenate([problem.noise, problem.errors.levels]), problem.trials.schema.is_latent
-    of_levels = errors_of_levels(
+    added = covariance_by_levels(
         model,
         [LinearizedFit(parts, no_prior(parts)) for parts in deviations_of(fit)],
         levels,
@@ -167,8 +165,7 @@ def level_errors(fit: Fit) -> LevelErrors | None:
         problem.scales,
     )
     counts = [int(free.sum()) for free in fit.free_coefficients]
-    added = [matrix[len(matrix) - p :, len(matrix) - p :] for matrix, p in zip(of_levels.added, counts, strict=True)]
-    return of_levels._replace(added=added)
+    return [matrix[len(matrix) - p :, len(matrix) - p :] for matrix, p in zip(added, counts, strict=True)]
 
 
 def total_degrees_of_freedom(freedom: Floats) -> float:
@@ -219,7 +216,7 @@ def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
     return replace(problem.errors, walk=model_error * problem.unit / np.sqrt(step))
 
 
-def covariances(fit: Fit, kind: CovarianceKind, seed: int, of_levels: LevelErrors | None) -> Floats:
+def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
     """Return each object's covariance of its coefficients, shape (objects, parameters, parameters).
 
     Parameters are the coefficients that are not zero for some object, in the order of `numpy.argwhere`. Those that are
@@ -227,13 +224,13 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int, of_levels: LevelError
 
     It is the inverse Fisher information, with initial states profiled out, or that of the block bootstrap of
     innovations (Stoffer and Wall 1991), linearized about the fit, which does not assume the noise model. To the first,
-    errors of levels are added, see `errors_of_levels`.
+    errors of levels of a drift are added, see `covariance_by_levels`.
     """
     problem = fit.problem
     coefficients = np.array([estimate.coefficients for estimate in fit.estimates])
     support = np.any(coefficients != 0, axis=0)
     by_object = np.zeros((len(fit.estimates), support.sum(), support.sum()))
-    triangles = factors(fit) if kind == "likelihood" else ()
+    triangles, by_levels = (factors(fit), _by_levels(fit)) if kind == "likelihood" else ((), None)
     listed = zip(problem.models, fit.estimates, fit.free_coefficients, strict=True)
     for o, (model, estimate, free) in enumerate(listed):
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
@@ -242,7 +239,7 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int, of_levels: LevelError
             covariance = bootstrapped(trials, inner, seed)
         else:
             factor = triangles[o][:, :-1]
-            covariance = _inverse(factor) if of_levels is None else _inverse(factor) + of_levels.added[o]
+            covariance = _inverse(factor) if by_levels is None else _inverse(factor) + by_levels[o]
             if (held := problem.fixed_at_pooled(o) & free).any():
                 whole = fully_measured(problem, fit.estimates)
                 scatter = whole[0] ** 2  # Of one object, the between-object variance is not identifiable: 100 %

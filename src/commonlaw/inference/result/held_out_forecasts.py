@@ -20,7 +20,7 @@ from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_with
-from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law, level_errors
+from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law
 from commonlaw.inference.fit.fit import Fit, best_fit
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.error_models import GROUPS, fit_each_kind, search_each_group
@@ -173,7 +173,7 @@ def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
     part = replace(part, solver=problem.solver, differentiation=problem.differentiation)
     fitted = best_fit([fit_with(part, fit.supports, fit.model_error, starts)])
     law = fitted_law(part.law, fitted)
-    degrees = degrees_of_freedom(fit, level_errors(fit))
+    degrees = degrees_of_freedom(fit)
     return replace(law, uncertainty=replace(law.uncertainty, degrees_of_freedom=degrees))
 
 
