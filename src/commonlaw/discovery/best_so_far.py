@@ -1,20 +1,19 @@
 """The best law of a search so far, which is shown as it comes, and is what is left if the time is over."""
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from commonlaw.inference.fit.covariance import own_coefficients
 from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law
 from commonlaw.library import Order
-from commonlaw.runtime.progress import Interim
+from commonlaw.runtime.progress import Interim, ProgressCallback
 from commonlaw.runtime.time_limit import current_limit
 from commonlaw.text import counted
-
-if TYPE_CHECKING:
-    from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
 
 
 class LawSoFar(Interim):
@@ -46,16 +45,38 @@ class LawSoFar(Interim):
         return line
 
 
+class Found(Protocol):
+    """A candidate of an order, see `commonlaw.discovery.candidate_search.Candidate`."""
+
+    @property
+    def pool(self) -> Pool: ...
+    @property
+    def score(self) -> Score: ...
+    @property
+    def order(self) -> Order: ...
+
+
+class Searching(Protocol):
+    """What finds candidates, see `commonlaw.discovery.candidate_search.CandidateSearch`."""
+
+    @property
+    def progress(self) -> ProgressCallback: ...
+
+
+C = TypeVar("C", bound=Found)
+S = TypeVar("S", bound=Searching)
+
+
 @dataclass(eq=False)
-class Best:
+class Best(Generic[S, C]):
     """The best candidates of a search so far, the last of each order; in words what it left out, and has not tried."""
 
-    search: "CandidateSearch | None" = None
-    candidates: "dict[Order, Candidate]" = field(default_factory=dict)
+    search: S | None = None
+    candidates: dict[Order, C] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     untried: tuple[str, ...] = ()
 
-    def take(self, search: "CandidateSearch", candidate: "Candidate") -> None:
+    def take(self, search: S, candidate: C) -> None:
         """Take a candidate in place of that of its order, and show it if it is another law, and the best."""
         before = self.candidate if self.candidates else None
         self.search, self.candidates[candidate.order] = search, candidate
@@ -74,6 +95,6 @@ class Best:
             limit.await_result()
 
     @property
-    def candidate(self) -> "Candidate":
+    def candidate(self) -> C:
         """The best candidate: one whose trajectories diverge, if there is no other."""
         return min(self.candidates.values(), key=lambda candidate: (candidate.pool.best.diverges, candidate.score))

@@ -197,7 +197,7 @@ class CandidateSearch:
     options: FitOptions
     progress: ProgressCallback
     strange: tuple[StrangeObject, ...] = ()
-    best: Best | None = None
+    best: "Best[CandidateSearch, Candidate] | None" = None
 
     def of_objects(self, names: Sequence[str]) -> "CandidateSearch":
         """Return the search among the trials of some of the objects, without a word on its progress."""

@@ -449,8 +449,8 @@ def discover(
     progress: ProgressCallback | None = None,
     cache: bool = True,
     client: "Client | None" = None,
-    x_dot: GivenDerivatives | None = None,
     time_limit: float | None = None,
+    x_dot: GivenDerivatives | None = None,
 ) -> Law:
     """Discover the law that the objects of trials share.
 
@@ -505,14 +505,14 @@ def discover(
     client
         A ``distributed.Client`` whose workers read and compress the files of a `TrialStream`. The law does not depend
         on the number of workers, up to rounding.
-    x_dot
-        Measured or computed derivatives of the states at the samples: an array of shape (n, states)
-        for each trial, or by state an array or the name of a column, ``{"x": "speed"}``. `DerivativeRegression`, the
-        default then, takes them in place of its own, for laws of order 1.
     time_limit
         Seconds after which the search of `TrajectoryLikelihood` ends with the best law so far, with its standard errors
         and a note on what was not tried; the first law is awaited. Without a limit, the default, the law does not
         depend on the machine. A law that was complete in time is the same; one that was not is not kept in the cache.
+    x_dot
+        Measured or computed derivatives of the states at the samples: an array of shape (n, states)
+        for each trial, or by state an array or the name of a column, ``{"x": "speed"}``. `DerivativeRegression`, the
+        default then, takes them in place of its own, for laws of order 1.
 
     Raises
     ------
