@@ -78,9 +78,10 @@ class Best(Generic[S, C]):
 
     def take(self, search: S, candidate: C) -> None:
         """Take a candidate in place of that of its order, and show it if it is another law, and the best."""
-        before = self.candidate if self.candidates else None
+        before = self.most_probable if self.candidates else None
         self.search, self.candidates[candidate.order] = search, candidate
-        if self.candidate is candidate and (before is None or before.pool.best.model != candidate.pool.best.model):
+        is_new = before is None or before.pool.best.model != candidate.pool.best.model
+        if is_new and self.most_probable is candidate:
             search.progress(LawSoFar.of(candidate.pool.best))
         limit = current_limit()
         if limit is not None:
@@ -95,6 +96,11 @@ class Best(Generic[S, C]):
             limit.await_result()
 
     @property
+    def most_probable(self) -> C:
+        """The candidate of largest evidence."""
+        return min(self.candidates.values(), key=lambda candidate: candidate.score)
+
+    @property
     def candidate(self) -> C:
-        """The best candidate: one whose trajectories diverge, if there is no other."""
+        """The candidate to end with, the most probable: one whose trajectories diverge, if there is no other."""
         return min(self.candidates.values(), key=lambda candidate: (candidate.pool.best.diverges, candidate.score))
