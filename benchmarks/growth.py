@@ -88,8 +88,9 @@ AXES: Mapping[str, Axis] = {
         lambda size: f"poly:{size}",
         lambda size: (size + 1) * (size + 2) // 2,
     ),
+    # The terms of each of the equations grow with the square of the states
     "states": Axis(
-        {"default": (2.5, (2, 4, 8)), "regression": (2.5, (2, 4, 8)), "weak": (2.5, (2, 4, 8))},
+        {"default": (2.5, (2, 4, 8)), "regression": (3.8, (2, 4, 8)), "weak": (3.8, (2, 4, 8))},
         lambda size: ring(size, 500),
     ),
 }
