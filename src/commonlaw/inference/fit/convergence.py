@@ -70,14 +70,16 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
 def _resolved(fit: Fit) -> Fit | None:
     """Return the fit on the mesh that moved it least, by less than `CONVERGED` standard errors; None without one.
 
-    A move of `RESOLVED` is enough. Where solutions diverge, moves grow again on finer meshes.
+    A move of `RESOLVED` is enough. Where solutions diverge, moves grow again on finer meshes; those of chaotic ones
+    grow from the first on, and none is taken where three in a row do.
     """
-    resolved, least = None, settings.CONVERGED
+    resolved, least, last, growing = None, settings.CONVERGED, np.inf, 0
     with suppress(NotPositiveError):
-        while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
+        while fit.problem.points < settings.MAX_MESH_POINTS[-1] and growing < _MOST_GROWING:
             estimates = fit.problem.on_half_steps(fit.estimates)
             fit, before = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates)), fit
             moved = _moved(fit, before.estimates, _metric(fit))
+            growing, last = growing + 1 if moved >= last else 0, moved
             if moved < least:
                 resolved, least = fit, moved
             elif resolved is not None:
@@ -85,6 +87,10 @@ def _resolved(fit: Fit) -> Fit | None:
             if least < settings.RESOLVED:
                 break
     return resolved
+
+
+_MOST_GROWING = 3
+"""Moves, each larger than the one before, after which finer meshes are not tried."""
 
 
 def apart(fit: Fit) -> Fit:
