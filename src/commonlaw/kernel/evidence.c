@@ -138,7 +138,7 @@ static bool estimate_told(const Support *s, const double *columns, const double 
             for (int64_t c = 0; c < k; ++c) matrix[a * k + b] += columns[c * k + a] * columns[c * k + b];
         }
     }
-    return solve_vector(matrix, k, estimates);
+    return solve_columns(matrix, k, estimates, 1);
 }
 
 /* Fill the information on the columns' coefficients and their estimates. */
@@ -190,7 +190,7 @@ static bool turn_to_mean(Support *s) {
                 s->mixed[b * k + b] += RIDGE;
                 s->rows[b] = a == b;
             }
-            if (!solve_vector(s->mixed, k, s->rows)) return false;
+            if (!solve_columns(s->mixed, k, s->rows, 1)) return false;
             trace += s->rows[a];
         }
         for (int64_t a = 0; a < k - s->common; ++a) axis[a] += s->estimates[o * k + a] / trace;

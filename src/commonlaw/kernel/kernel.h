@@ -168,7 +168,7 @@ void follow(const Workspace *work, const Mesh *mesh, int64_t first, const double
 void orthogonalize(double *rows, int64_t count, int64_t columns, int64_t stride, double *triangle);
 
 /* marginal.c */
-bool solve_vector(double *matrix, int64_t k, double *right);
+bool solve_columns(double *matrix, int64_t k, double *rows, int64_t columns);
 int marginal_deviance(int64_t objects, int64_t k, const double *estimates, const double *information, const double *scale,
                       int64_t count, const double *grid, int64_t sweeps, double *result);
 

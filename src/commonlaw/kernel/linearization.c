@@ -28,38 +28,6 @@ EXPORTED int commonlaw_jacobians(const Model *model, const Mesh *mesh, const uin
     return DONE;
 }
 
-/* Solve a system of D rows for several right-hand sides in place, by elimination with pivots; the matrix is lost. */
-static void solve_rows(double *restrict matrix, double *restrict rows, int64_t D, int64_t columns) {
-    for (int64_t c = 0; c < D; ++c) {
-        int64_t pivot = c;
-        for (int64_t a = c + 1; a < D; ++a)
-            if (fabs(matrix[a * D + c]) > fabs(matrix[pivot * D + c])) pivot = a;
-        if (pivot != c) {
-            for (int64_t b = c; b < D; ++b) {
-                const double spare = matrix[c * D + b];
-                matrix[c * D + b] = matrix[pivot * D + b];
-                matrix[pivot * D + b] = spare;
-            }
-            for (int64_t r = 0; r < columns; ++r) {
-                const double spare = rows[c * columns + r];
-                rows[c * columns + r] = rows[pivot * columns + r];
-                rows[pivot * columns + r] = spare;
-            }
-        }
-        for (int64_t a = c + 1; a < D; ++a) {
-            const double share = matrix[a * D + c] / matrix[c * D + c];
-            for (int64_t b = c + 1; b < D; ++b) matrix[a * D + b] -= share * matrix[c * D + b];
-            for (int64_t r = 0; r < columns; ++r) rows[a * columns + r] -= share * rows[c * columns + r];
-        }
-    }
-    for (int64_t c = D - 1; c >= 0; --c)
-        for (int64_t r = 0; r < columns; ++r) {
-            double t = rows[c * columns + r];
-            for (int64_t b = c + 1; b < D; ++b) t -= matrix[c * D + b] * rows[b * columns + r];
-            rows[c * columns + r] = t / matrix[c * D + c];
-        }
-}
-
 /* Fill how the states at the wanted points change with the first state of their segment and with the free coefficients,
    D x (D + p) of each. */
 EXPORTED int commonlaw_sensitivities(const Model *model, const Mesh *mesh, const uint8_t *free_ones,
@@ -85,7 +53,8 @@ EXPORTED int commonlaw_sensitivities(const Model *model, const Mesh *mesh, const
                 for (int64_t b = 0; b < D; ++b)
                     for (int64_t r = 0; r < columns; ++r) row[r] -= start[a * D + b] * now[b * columns + r];
             }
-            solve_rows(end, next, D, columns);
+            if (!solve_columns(end, D, next, columns))
+                for (int64_t r = 0; r < size; ++r) next[r] = NAN;
             double *before = now;
             now = next;
             next = before;
@@ -199,20 +168,8 @@ static void add_times_transposed(const double *restrict left, const double *rest
 /* The logarithm of the size of the determinant of a matrix, which is lost. */
 static double log_determinant(double *matrix, int64_t W) {
     double total = 0;
-    for (int64_t c = 0; c < W; ++c) {
-        int64_t pivot = c;
-        for (int64_t a = c + 1; a < W; ++a)
-            if (fabs(matrix[a * W + c]) > fabs(matrix[pivot * W + c])) pivot = a;
-        total += log(fabs(matrix[pivot * W + c]));
-        for (int64_t b = c; b < W; ++b) {
-            const double spare = matrix[c * W + b];
-            matrix[c * W + b] = matrix[pivot * W + b];
-            matrix[pivot * W + b] = spare;
-        }
-        for (int64_t a = c + 1; a < W; ++a)
-            for (int64_t b = W - 1; b >= c; --b)
-                matrix[a * W + b] -= matrix[a * W + c] / matrix[c * W + c] * matrix[c * W + b];
-    }
+    if (!solve_columns(matrix, W, NULL, 0)) return -INFINITY;
+    for (int64_t c = 0; c < W; ++c) total += log(fabs(matrix[c * W + c]));
     return total;
 }
 

@@ -10,32 +10,37 @@
 
 #define EACH_LANE for (int l = 0; l < LANES; ++l)
 
-/* Solve for a vector in place by elimination with pivots; false if singular. */
-bool solve_vector(double *matrix, int64_t k, double *right) {
+static void swap(double *restrict one, double *restrict other, int64_t count) {
+    for (int64_t b = 0; b < count; ++b) {
+        const double spare = one[b];
+        one[b] = other[b];
+        other[b] = spare;
+    }
+}
+
+/* Solve for several columns in place by elimination with pivots, which leaves the matrix triangular; false if singular. */
+bool solve_columns(double *restrict matrix, int64_t k, double *restrict rows, int64_t columns) {
     for (int64_t c = 0; c < k; ++c) {
         int64_t pivot = c;
         for (int64_t a = c + 1; a < k; ++a)
             if (fabs(matrix[a * k + c]) > fabs(matrix[pivot * k + c])) pivot = a;
         if (matrix[pivot * k + c] == 0) return false;
-        for (int64_t b = 0; pivot != c && b < k; ++b) {
-            const double spare = matrix[c * k + b];
-            matrix[c * k + b] = matrix[pivot * k + b];
-            matrix[pivot * k + b] = spare;
+        if (pivot != c) {
+            swap(matrix + c * k, matrix + pivot * k, k);
+            swap(rows + c * columns, rows + pivot * columns, columns);
         }
-        const double first = right[c];
-        right[c] = right[pivot];
-        right[pivot] = first;
         for (int64_t a = c + 1; a < k; ++a) {
             const double factor = matrix[a * k + c] / matrix[c * k + c];
             for (int64_t b = c + 1; b < k; ++b) matrix[a * k + b] -= factor * matrix[c * k + b];
-            right[a] -= factor * right[c];
+            for (int64_t r = 0; r < columns; ++r) rows[a * columns + r] -= factor * rows[c * columns + r];
         }
     }
-    for (int64_t a = k - 1; a >= 0; --a) {
-        double t = right[a];
-        for (int64_t c = a + 1; c < k; ++c) t -= matrix[a * k + c] * right[c];
-        right[a] = t / matrix[a * k + a];
-    }
+    for (int64_t a = k - 1; a >= 0; --a)
+        for (int64_t r = 0; r < columns; ++r) {
+            double t = rows[a * columns + r];
+            for (int64_t c = a + 1; c < k; ++c) t -= matrix[a * k + c] * rows[c * columns + r];
+            rows[a * columns + r] = t / matrix[a * k + a];
+        }
     return true;
 }
 
@@ -170,7 +175,7 @@ static bool deviance(Effects *e, double tried, double *found) {
     double square = e->rest_square + over_lanes(at);
     memcpy(e->solved, e->total, sizeof(double) * (size_t)(k * k));
     for (int64_t a = 0; a < k; ++a) e->solved[a * k + a] *= 1 + RIDGE;
-    if (!solve_vector(e->solved, k, e->means)) return false;
+    if (!solve_columns(e->solved, k, e->means, 1)) return false;
     for (int64_t a = 0; a < k; ++a) {
         double moved = 0;
         for (int64_t b = 0; b < k; ++b) moved += e->total[a * k + b] * e->means[b];
@@ -197,7 +202,7 @@ static bool begin(Effects *e, int64_t objects, const double *estimates, const do
                 e->means[a] += value * estimates[o * k + b];
             }
     for (int64_t a = 0; a < k; ++a) e->total[a * k + a] *= 1 + RIDGE;
-    if (!solve_vector(e->total, k, e->means)) return false;
+    if (!solve_columns(e->total, k, e->means, 1)) return false;
     for (int64_t o = 0; o < objects; ++o)
         for (int64_t a = 0; a < k; ++a)
             e->gaps[(o / LANES * k + a) * LANES + o % LANES] = estimates[o * k + a] - e->means[a];
