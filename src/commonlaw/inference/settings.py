@@ -158,6 +158,8 @@ CONVERGED = 0.01
 RESOLVED = 1.5e-3
 """Standard errors by which an estimate that is reported moves on half the steps: Hermite-Simpson collocation, of order
 4, then has a fifteenth of it left."""
+MAX_GROWING_MOVES = 3
+"""Moves of estimates on finer meshes in a row, each larger than the one before, after which no finer one is tried."""
 CONVERGED_NOISE = 1e-3
 """Relative change of the noise, and change of estimates in standard errors, at which their iteration ends."""
 

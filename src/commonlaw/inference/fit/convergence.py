@@ -75,7 +75,7 @@ def _resolved(fit: Fit) -> Fit | None:
     """
     resolved, least, last, growing = None, settings.CONVERGED, np.inf, 0
     with suppress(NotPositiveError):
-        while fit.problem.points < settings.MAX_MESH_POINTS[-1] and growing < _MOST_GROWING:
+        while fit.problem.points < settings.MAX_MESH_POINTS[-1] and growing < settings.MAX_GROWING_MOVES:
             estimates = fit.problem.on_half_steps(fit.estimates)
             fit, before = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates)), fit
             moved = _moved(fit, before.estimates, _metric(fit))
@@ -87,10 +87,6 @@ def _resolved(fit: Fit) -> Fit | None:
             if least < settings.RESOLVED:
                 break
     return resolved
-
-
-_MOST_GROWING = 3
-"""Moves, each larger than the one before, after which finer meshes are not tried."""
 
 
 def apart(fit: Fit) -> Fit:
