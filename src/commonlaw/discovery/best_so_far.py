@@ -45,7 +45,7 @@ class LawSoFar(Interim):
         return line
 
 
-class Found(Protocol):
+class _Candidate(Protocol):
     """A candidate of an order, see `commonlaw.discovery.candidate_search.Candidate`."""
 
     @property
@@ -56,15 +56,15 @@ class Found(Protocol):
     def order(self) -> Order: ...
 
 
-class Searching(Protocol):
+class _Search(Protocol):
     """What finds candidates, see `commonlaw.discovery.candidate_search.CandidateSearch`."""
 
     @property
     def progress(self) -> ProgressCallback: ...
 
 
-C = TypeVar("C", bound=Found)
-S = TypeVar("S", bound=Searching)
+C = TypeVar("C", bound=_Candidate)
+S = TypeVar("S", bound=_Search)
 
 
 @dataclass(eq=False)
@@ -78,10 +78,10 @@ class Best(Generic[S, C]):
 
     def take(self, search: S, candidate: C) -> None:
         """Take a candidate in place of that of its order, and show it if it is another law, and the best."""
-        before = self.most_probable if self.candidates else None
+        before = self.candidate if self.candidates else None
         self.search, self.candidates[candidate.order] = search, candidate
         is_new = before is None or before.pool.best.model != candidate.pool.best.model
-        if is_new and self.most_probable is candidate:
+        if is_new and self.candidate is candidate:
             search.progress(LawSoFar.of(candidate.pool.best))
         limit = current_limit()
         if limit is not None:
@@ -96,11 +96,6 @@ class Best(Generic[S, C]):
             limit.await_result()
 
     @property
-    def most_probable(self) -> C:
-        """The candidate of largest evidence."""
-        return min(self.candidates.values(), key=lambda candidate: candidate.score)
-
-    @property
     def candidate(self) -> C:
-        """The candidate to end with, the most probable: one whose trajectories diverge, if there is no other."""
+        """The most probable candidate, with which a search ends; one that diverges only if there is no other."""
         return min(self.candidates.values(), key=lambda candidate: (candidate.pool.best.diverges, candidate.score))
