@@ -1,7 +1,7 @@
 """How time and memory grow with samples, objects, terms and states; an exponent above its limit ends with an error.
 
 Each size runs in a process of its own with one thread. Exponents are slopes of the logarithm of CPU seconds, or of
-memory above the start, over that of the size, by least squares through the larger half of the sizes.
+memory above the start, over that of the size, by least squares through the three largest sizes.
 """
 
 import argparse
@@ -121,13 +121,12 @@ def measured(axis: str, method: str, size: int) -> Cost:
 
 
 def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:
-    """Return the slope of logarithms through the larger half of the sizes.
+    """Return the slope of logarithms through the three largest sizes.
 
     >>> round(exponent([1, 2, 4, 8], [5.0, 1.0, 4.0, 16.0]), 3)
     2.0
     """
-    half = len(sizes) // 2
-    return float(np.polyfit(np.log(sizes[half - 1 :]), np.log(costs[half - 1 :]), 1)[0])
+    return float(np.polyfit(np.log(sizes[-3:]), np.log(costs[-3:]), 1)[0])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -176,6 +176,7 @@ def cross_validated(steps: Floats, state: Floats) -> float:
 
 
 _MANY = 4096
+"""Samples that suffice for the choice of a strength."""
 _LONG = 1024
 """Samples of a stretch."""
 

@@ -1,7 +1,7 @@
 """A time limit: a search is stopped where a step begins, and goes on with the best that it has.
 
-The first result is awaited, however long it takes; then `check` ends the work once the time is over, or somebody asks
-for an end by an event, see `stoppable`. Standard errors and the like are computed `unlimited`.
+The first result is awaited, however long it takes; then `check` ends the work once the time is over, or an event is
+set, see `stoppable`. Standard errors and the like are computed `unlimited`.
 """
 
 import signal
@@ -12,15 +12,15 @@ from threading import Event, current_thread, main_thread
 from time import monotonic
 
 DEFAULT_TIME_LIMIT = 60.0
-"""Seconds of a search that somebody awaits."""
+"""Seconds of a search by the command or in the app."""
 
 
 class OutOfTimeError(Exception):
-    """The time is over, or somebody asked for an end: go on with what there is."""
+    """The time is over, or the event of a stop is set: go on with what there is."""
 
 
 class TimeLimit:
-    """The time for some work, which begins now; it ends early if somebody sets the event `stop`.
+    """The time for some work, which begins now; it ends early if the event `stop` is set.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def check() -> None:
 
 
 def limit_of(seconds: float | None) -> TimeLimit | None:
-    """Return a limit that begins now; None if there is none, and nobody can stop the work, see `stoppable`."""
+    """Return a limit that begins now; None without seconds and outside of `stoppable`."""
     stop = _STOP.get()
     return None if seconds is None and stop is None else TimeLimit(seconds, stop)
 

@@ -94,15 +94,15 @@ export async function follow(path, place, left, made = async () => {}) {
   const stop = $(`${place}_stop`);
   if (stop) stop.onclick = () => { stop.disabled = true; ask(`${path}/stop`, "POST"); };
   for (let before = 0; ;) {
-    const told = await ask(path);
+    const work = await ask(path);
     if (left()) return null;
-    if (told.made > before) await made();
-    before = told.made;
-    $(place).hidden = !told.running;
-    if (told.failure) throw new Error(told.failure);
-    if (!told.running) return told;
-    showStages(place, told);
-    showInterim(place, told.interim);
+    if (work.made > before) await made();
+    before = work.made;
+    $(place).hidden = !work.running;
+    if (work.failure) throw new Error(work.failure);
+    if (!work.running) return work;
+    showStages(place, work);
+    showInterim(place, work.interim);
     await new Promise(done => setTimeout(done, 400));
   }
 }
