@@ -72,11 +72,13 @@ def test_a_stopped_law_is_not_kept_and_a_complete_one_serves_a_shorter_time(tmp_
     assert cl.discover(DROPS, time_limit=0).structure == whole.structure
 
 
-def test_an_event_ends_a_search_without_a_limit():
-    asked = Event()
-    asked.set()
-    with stoppable(asked):
-        assert cl.discover(DROPS, cache=False).provenance.is_stopped
+def test_an_event_ends_a_search_without_a_limit_with_the_law_that_was_shown():
+    stop, shown = Event(), list[cl.Law]()
+    stop.set()
+    with stoppable(stop):
+        law = cl.discover(DROPS, progress=lambda step: shown.append(getattr(step, "law", None)), cache=False)
+    assert law.provenance.is_stopped
+    assert [each for each in shown if each][-1].structure == law.structure
 
 
 @pytest.fixture
