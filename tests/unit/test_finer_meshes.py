@@ -11,7 +11,7 @@ class Stub:
     """A fit on a mesh of so many points to a step."""
 
     def __init__(self, points=1, estimates=()):
-        self.points, self.estimates = points, estimates
+        self.estimates = estimates
         self.problem = SimpleNamespace(
             points=points, finer=lambda: SimpleNamespace(points=2 * points), on_half_steps=list
         )
@@ -28,10 +28,15 @@ class Stub:
 )
 def test_finer_meshes_are_tried_until_estimates_are_resolved_or_move_more_and_more(monkeypatch, moves, taken, tried):
     points, left = list[int](), list(moves)
+
+    def fitted(fit):
+        points.append(fit.problem.points)
+        return fit
+
     monkeypatch.setattr(convergence, "replace", lambda _, **changes: Stub(changes["problem"].points))
-    monkeypatch.setattr(convergence, "_under_residual_noise", lambda fit: points.append(fit.points) or fit)
+    monkeypatch.setattr(convergence, "_under_residual_noise", fitted)
     monkeypatch.setattr(convergence, "_metric", lambda _: ())
     monkeypatch.setattr(convergence, "_moved", lambda *_: left.pop(0))
     resolved = convergence._resolved(Stub())
-    assert (resolved and resolved.points) == taken
+    assert (resolved and resolved.problem.points) == taken
     assert points[-1] == tried
