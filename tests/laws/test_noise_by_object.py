@@ -14,7 +14,7 @@ from commonlaw.inference.fit.lack_of_fit import with_heteroscedastic_noise
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import PolynomialLibrary
-from commonlaw.likelihood import ErrorModel, NoiseByObject, cost_of_scatter
+from commonlaw.likelihood import ErrorModel, NoiseByGroup, cost_of_scatter
 from tests.refusals import refused
 from tests.streams import ROLES, write_files
 
@@ -130,7 +130,7 @@ def test_the_cost_of_scatter_is_the_logarithm_of_an_integral():
 
 def test_objects_without_degrees_of_freedom_have_the_noise_of_all():
     squares, freedom = np.array([[4.0], [400.0], [0.0]]), np.array([[40.0], [40.0], [0.0]])
-    residuals = NoiseByObject(squares, freedom, np.array([[44.0], [44.0], [4.0]]), np.zeros((3, 1)))
+    residuals = NoiseByGroup(squares, freedom, np.array([[44.0], [44.0], [4.0]]), np.zeros((3, 1)))
     assert residuals.evidence[0] > 50
     noise, factors = residuals.levels(residuals.evidence > 0)
     assert factors[2, 0] == 1.0
@@ -139,7 +139,7 @@ def test_objects_without_degrees_of_freedom_have_the_noise_of_all():
 
 
 def test_a_quiet_object_is_at_least_as_noisy_as_its_values_are_rounded():
-    residuals = NoiseByObject(
+    residuals = NoiseByGroup(
         np.array([[0.0], [9.0]]), np.full((2, 1), 9.0), np.full((2, 1), 9.0), np.array([[0.1], [0.0]])
     )
     noise, factors = residuals.levels(np.array([True]))
@@ -199,7 +199,7 @@ def test_files_of_one_object_each_have_noise_of_their_own(tmp_path):
 
 def test_noise_that_is_given_is_not_estimated_by_object():
     for scheme in SCHEMES:
-        with refused("noise-by-object-given"):
+        with refused("noise-by-group-given"):
             cl.fit(EQUATION, decays(), noise={"x": 0.1}, errors="by-object", scheme=scheme)
     trials = decays()
     known = cl.Trials(
@@ -207,7 +207,7 @@ def test_noise_that_is_given_is_not_estimated_by_object():
         cl.Schema(("x",), noise_columns={"x": "sx"}),
     )
     for scheme in SCHEMES:
-        with refused("noise-by-object-given"):
+        with refused("noise-by-group-given"):
             cl.fit(EQUATION, known, errors="by-object", scheme=scheme)
 
 

@@ -145,7 +145,7 @@ def test_errors_of_size_zero_leave_the_score(table, kinds):
     (white,) = fit_each_kind(fit.problem, fit.supports, kinds)  # Others without any effect are no other errors
     assert white.errors == "white"
     asked = fit_each_kind(fit.problem, fit.supports, kinds[1:])
-    assert {other.errors for other in asked} - {"white"} == {*kinds} - {"white", "by-object"}
+    assert {other.errors for other in asked} - {"white"} == {*kinds} - {"white", "by-object", "by-trial"}
     for other in asked:
         near = 0.2 if other.errors == "random-walk" else 0.1  # The least walk is 0.03 noise
         assert other.score - white.score == pytest.approx(0.0, abs=near), other.errors

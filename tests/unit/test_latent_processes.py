@@ -207,4 +207,4 @@ def test_levels_and_times_begin_between_their_bounds_and_make_errors_of_their_ki
     assert np.all(low < high)
     starts = ERRORS[kind].starts(np.log([0.1, 0.2]), np.log(low), np.log(high))
     assert all(start.shape == low.shape for start in starts)
-    assert ERRORS[kind].model(high).kind == ("white" if kind in ("random-walk", "by-object") else kind)
+    assert ERRORS[kind].model(high).kind == ("white" if kind in ("random-walk", "by-object", "by-trial") else kind)

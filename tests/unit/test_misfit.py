@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import commonlaw as cl
 from commonlaw.law import from_json, to_json
 from commonlaw.law.misfit import misfit_lines, misfit_size
-from commonlaw.likelihood import ERRORS
+from commonlaw.likelihood import ERRORS, ByGroup
 from commonlaw.likelihood.errors import Heteroscedastic
 
 TIMES = np.linspace(0, 6, 80)
@@ -202,4 +202,4 @@ def test_every_kind_has_a_description():
         if isinstance(model, Heteroscedastic) or not model.description:
             continue
         assert "{amount}" in model.description
-        assert bool(model.distinguished_by) == (kind != "by-object")
+        assert bool(model.distinguished_by) == (not isinstance(model, ByGroup))

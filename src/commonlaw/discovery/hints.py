@@ -15,11 +15,12 @@ from commonlaw.discovery.log_scale import largest_change
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import with_properties_in
 from commonlaw.errors import CommonlawError
+from commonlaw.estimation.fitting import Fitted
 from commonlaw.forecast import fitted, forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.formulation import law_variables
 from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_sets
-from commonlaw.inference.search.error_models import MISFIT
+from commonlaw.inference.search.error_models import MISFIT, misfit_step_of
 from commonlaw.inference.search.setup import stay_at_levels
 from commonlaw.inference.settings import INDIFFERENT, SIGNIFICANT, STRONG, VERY_STRONG
 from commonlaw.inference.verbs.schemes import fit_of
@@ -457,6 +458,16 @@ def _and(parts: Sequence[str]) -> str:
     """Return words with commas between them, and ``and`` before the last."""
     *first, last = parts
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def law_under_errors(chosen: Fitted, white: Fitted, calls: tuple[str, ...]) -> Law:
+    """Return the law of a fit by shooting, whose history says what errors in place of white noise changed."""
+    law = chosen.law(calls)
+    if chosen is white:
+        return law
+    history = (*law.history, misfit_step_of(chosen, white))
+    law = replace(law, provenance=replace(law.provenance, history=history))
+    return with_change_by_errors(law, lambda: white.law(()))
 
 
 def with_change_by_errors(law: Law, under_white_noise: Callable[[], Law]) -> Law:

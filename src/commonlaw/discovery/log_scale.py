@@ -77,7 +77,7 @@ def _deviance(law: Law, trials: Trials) -> float:
         seen = np.isfinite(trial.states)
         seen[np.argmax(seen, axis=0), range(seen.shape[1])] = False
         curve = np.where(np.isfinite(z), fitted[:, : seen.shape[1]], trial.states)
-        white = trial.std(errors.noise_of(trial.object, noise))
+        white = trial.std(errors.noise_of_trial(trial, noise))
         std = errors.measurement_std(curve, white, trial.elapsed)
         logs = 2 * np.log(std) + 2 * np.where(is_logarithmic, curve, 0.0)
         sizes = np.fmin(np.abs(z), HUBER_THRESHOLD)

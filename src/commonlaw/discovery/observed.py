@@ -16,15 +16,17 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline, noise_level
+from commonlaw.discovery.hints import law_under_errors
 from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.method import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.beginning import Beginning, begin
-from commonlaw.estimation.fitting import fit_model, known_log_likelihood
+from commonlaw.estimation.fitting import Fitted, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import TrialData
 from commonlaw.estimation.search import FINISHED, IMPROVED, first_values
 from commonlaw.formulation.weak import CompactTestFunctions, corner_radius
+from commonlaw.inference.search.error_models import under_likeliest_errors
 from commonlaw.inference.settings import (
     MAX_ITERATIONS,
     MAX_KEPT,
@@ -360,7 +362,7 @@ def discover_observed(
     candidates = search.candidates(ends)
     worst = candidates[0].score + 2 * VERY_STRONG
     near = [candidate for candidate in candidates[:MAX_KEPT] if candidate.score < worst]
-    laws, refused = list[tuple[float, Law]](), list[CommonlawError]()
+    fits, refused = list[tuple[float, Fitted]](), list[CommonlawError]()
     for i, candidate in enumerate(near):
         progress(f"fitting law {i + 1} of {len(near)}")
         try:
@@ -368,14 +370,16 @@ def discover_observed(
             text = ModelText.of(equations, observe)
             whole = begin(text, trials, {}, shared=dict.fromkeys(shared, ALL), noise=noise)
             whole = replace(whole, first=np.array([first[label] for label in whole.unknowns.labels]))
-            law = fit_model(whole, seed, progress, draws=1).law(calls)
+            fitted = fit_model(whole, seed, progress, draws=1)
         except CommonlawError as error:
             refused.append(error)
             continue
-        laws.append((-2 * known_log_likelihood(law) + search.penalty * sum(candidate.support), law))
-    if not laws:
+        deviance = -2 * fitted.optimum.log_likelihood
+        fits.append((deviance + search.penalty * sum(candidate.support), fitted))
+    if not fits:
         raise refused[0]
-    law = min(laws, key=lambda pair: pair[0])[1]
+    white = min(fits, key=lambda pair: pair[0])[1]
+    law = law_under_errors(under_likeliest_errors(white), white, calls)
     others = [candidate for candidate in candidates if candidate.support != candidates[0].support]
     apart = f"; the score of the next law is {others[0].score - candidates[0].score:.3g} larger" if others else ""
     step = Step(

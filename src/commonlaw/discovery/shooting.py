@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from commonlaw.diagnostics import note
-from commonlaw.discovery.hints import outcomes_of_inputs, outcomes_of_units, with_change_by_errors
+from commonlaw.discovery.hints import law_under_errors, outcomes_of_inputs, outcomes_of_units
 from commonlaw.discovery.known_physics import unfitted
 from commonlaw.discovery.regression import suitable_differentiation
 from commonlaw.discovery.request import FitRequest
@@ -19,7 +19,7 @@ from commonlaw.estimation.fitting import Fitted, checked_errors, limited, maximi
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.search import DRAWS, is_solved
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
-from commonlaw.inference.search.error_models import misfit_step_of, outcomes_of_departures, under_likeliest_errors
+from commonlaw.inference.search.error_models import outcomes_of_departures, under_likeliest_errors
 from commonlaw.inference.search.setup import RefitOptions, possible_interpolations, supported_interpolation
 from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.collocation import collocated
@@ -112,11 +112,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
     chosen = limited(search(_near(begins[best], fits[best]))) if best else fits[best]
     white, chosen = chosen, chosen if errors else under_likeliest_errors(chosen)
-    law = chosen.law(request.calls)
-    if chosen is not white:
-        history = (*law.history, misfit_step_of(chosen, white))
-        law = replace(law, provenance=replace(law.provenance, history=history))
-        law = with_change_by_errors(law, lambda: white.law(()))
+    law = law_under_errors(chosen, white, request.calls)
     departures = outcomes_of_departures(chosen, tried_errors=errors is None)
     outcomes = [
         *law.provenance.outcomes,

@@ -28,7 +28,7 @@ from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.search.strange_objects import Apart, Reason, StrangeObject, partition_penalty, suspects
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.provenance import levels_in_words
-from commonlaw.likelihood import ERRORS
+from commonlaw.likelihood import ERRORS, ByGroup
 from commonlaw.text import counted
 from commonlaw.trials import Trials
 
@@ -122,7 +122,7 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
     if supports is not None:
         shared = fit_solutions(problem, supports)
         kinds = error_kinds(search.options.errors, fit.problem.trials.schema) if shared.is_usable else ()
-        for kind in (kind for kind in kinds if kind != "by-object"):
+        for kind in (kind for kind in kinds if not isinstance(ERRORS[kind], ByGroup)):
             under = shared if kind == "white" else estimate_error_model(shared, kind)
             if under.is_usable:
                 score = score_of_order(under)

@@ -53,7 +53,7 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     errors = law.uncertainty.error_model
     standardized = tuple(
         (trial.states - curve)
-        / errors.measurement_std(curve, trial.std(errors.noise_of(trial.object, noise)), trial.elapsed)
+        / errors.measurement_std(curve, trial.std(errors.noise_of_trial(trial, noise)), trial.elapsed)
         for trial, curve in zip(followed.trials, curves, strict=True)
     )
     names, units = law.terms.variables.states, units_with_rates(law)

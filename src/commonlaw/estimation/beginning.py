@@ -21,7 +21,7 @@ from commonlaw.law.restrictions import ALL, OBJECT, TRIAL, Restrictions
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.equation import split_equations
 from commonlaw.library.sizes import likely_sizes
-from commonlaw.likelihood import ERRORS, Heteroscedastic
+from commonlaw.likelihood import ERRORS, ByGroup, Heteroscedastic
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import (
@@ -159,11 +159,12 @@ def begin(
     shown = with_logarithms(trials, log_states)
     if isinstance(ERRORS[errors], Heteroscedastic) and shown.schema.logarithmic:
         raise CommonlawError("log-states-with-errors", states=shown.schema.logarithmic)
-    is_independent = ERRORS[errors].is_independent and errors != "by-object"
+    is_grouped = isinstance(ERRORS[errors], ByGroup)
+    is_independent = ERRORS[errors].is_independent and not is_grouped
     if not is_independent and any(np.isfinite(trial.below).any() for trial in trials):
         raise CommonlawError("censored-with-errors", errors=errors)
-    if errors == "by-object" and trials.schema.noise_columns:
-        raise CommonlawError("noise-by-object-given")
+    if is_grouped and trials.schema.noise_columns:
+        raise CommonlawError("noise-by-group-given", errors=errors)
     if errors != "white" and groups:
         raise CommonlawError("noise-by-property-with-errors", errors=errors, names=[*groups])
     refuse_overwhelming_noise(shown, {name: level for name, level in known.items() if isinstance(level, float)})

@@ -14,9 +14,10 @@ from commonlaw.formulation import symmetric_root
 from commonlaw.integration.shooting import MAX_STEPS, NO_INPUTS, DelayedInputs, Solution, shoot
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
-from commonlaw.likelihood import WHITE_NOISE, ErrorModel, NoiseByObject, omitted_by_object
+from commonlaw.likelihood import WHITE_NOISE, ErrorModel, NoiseByGroup, by_group, omitted_by_group
 from commonlaw.likelihood.levels import Deviations, LinearizedFit
 from commonlaw.likelihood.mesh import MIN_NOISE
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial
 from commonlaw.trials.transformations import known_inputs, starts_by
@@ -596,38 +597,40 @@ class Problem:
         traces = np.bincount(columns, np.sum(basis**2, axis=1), minlength=quantities * len(self.trials))
         return np.asarray(traces, dtype=np.float64).reshape(len(self.trials), quantities)
 
-    def noise_by_object(self, unknowns: Floats, noise: Floats, free: Bools, restricted: bool = True) -> NoiseByObject:
-        """Return the residuals of each object, see `commonlaw.likelihood.NoiseByObject`.
+    def noise_by_group(
+        self, kind: ErrorKind, unknowns: Floats, noise: Floats, free: Bools, restricted: bool = True
+    ) -> NoiseByGroup:
+        """Return the residuals of each group of a kind of noise, see `commonlaw.likelihood.NoiseByGroup`.
 
-        Residuals that are outliers by the median size of those of their object, too, are left out. Without the
+        Residuals that are outliers by the median size of those of their group, too, are left out. Without the
         restricted likelihood no degrees of freedom are used up.
         """
         used = self.leverage(unknowns, noise, free) * restricted
-        groups = dict[str, list[int]]()
-        for i, data in enumerate(self.trials):
-            groups.setdefault(data.trial.object, []).append(i)
-        squares, freedom, counts, floors = np.zeros((4, len(groups), len(noise)))
+        groups = by_group(kind).groups(data.trial for data in self.trials)
+        squares, freedom, counts, floors = np.zeros((4, int(groups.max()) + 1, len(noise)))
         whitened = list[Floats]()
         for data, part in zip(self.trials, self.standardized(unknowns, noise, False), strict=True):
             z = part.z if data.weights is None else part.z / np.sqrt(data.weights)
             whitened.append(np.where(part.seen, z, np.nan))
-        for o, (name, rows) in enumerate(groups.items()):
+        for k in range(len(squares)):
+            rows = np.flatnonzero(groups == k)
             trials = [self.trials[i].trial for i in rows]
             sizes = np.concatenate([whitened[i] for i in rows])
-            kept = np.isfinite(sizes) & ~omitted_by_object(sizes, self.huber_threshold)
-            known = replication(trials)[name]
-            squares[o] = np.where(kept, sizes**2, 0.0).sum(axis=0) * self.errors.noise_of(name, noise) ** 2
-            squares[o] += known.squares
-            freedom[o] = kept.sum(axis=0) + known.freedom - used[rows].sum(axis=0)
-            counts[o] = known.counts
-            floors[o] = np.maximum(MIN_NOISE * within_trial_std(trials), rounding_noise(trials))
-        return NoiseByObject(squares, freedom, counts, floors)
+            kept = np.isfinite(sizes) & ~omitted_by_group(sizes, self.huber_threshold)
+            squares[k] = np.where(kept, sizes**2, 0.0).sum(axis=0) * self.errors.noise_of_trial(trials[0], noise) ** 2
+            freedom[k] = kept.sum(axis=0) - used[rows].sum(axis=0)
+            for _, known in replication(trials):
+                squares[k] += known.squares
+                freedom[k] += known.freedom
+                counts[k] += known.counts
+            floors[k] = np.maximum(MIN_NOISE * within_trial_std(trials), rounding_noise(trials))
+        return NoiseByGroup(squares, freedom, counts, floors)
 
     @property
     def scatters(self) -> Bools:
-        """Of which observables the noise differs between objects, shape (m,)."""
-        owners, ones = {data.trial.object for data in self.trials}, np.ones(len(self.logarithmic))
-        return np.asarray(np.any([self.errors.noise_of(name, ones) != 1 for name in owners], axis=0))
+        """Of which observables the noise differs between objects, or trials, shape (m,)."""
+        trials, ones = [data.trial for data in self.trials], np.ones(len(self.logarithmic))
+        return np.asarray(np.any([self.errors.noise_of_trial(trial, ones) != 1 for trial in trials], axis=0))
 
     def restricted_noise(self, unknowns: Floats, noise: Floats, free: Bools) -> tuple[Floats, Floats]:
         """Return the noise of restricted maximum likelihood and its degrees of freedom, shape (m,) each.
@@ -646,8 +649,8 @@ class Problem:
             if np.allclose(freedom, before, rtol=1e-6):
                 break
         if self.scatters.any():
-            by_object = self.noise_by_object(unknowns, noise, free)
-            freedom = np.where(unknown, by_object.degrees_of_freedom(self.scatters), np.inf)
+            residuals = self.noise_by_group(self.errors.grouping, unknowns, noise, free)
+            freedom = np.where(unknown, residuals.degrees_of_freedom(self.scatters), np.inf)
         total = max(round(float(freedom[unknown].sum()), 6), 1.0)
         return noise, np.where(freedom < 1, total, freedom)
 

@@ -14,7 +14,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
-from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Scales
+from commonlaw.likelihood import ERRORS, WHITE_NOISE, ByGroup, ErrorModel, Scales, by_group
 from commonlaw.likelihood.levels import MOVED, covariance_by_levels, likeliest_levels, scales_of
 from commonlaw.likelihood.mesh import MIN_NOISE
 from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
@@ -621,8 +621,8 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     levels, m, model = None, len(noise), ERRORS[kind]
     problem = replace(problem, rejects=problem.rejects and model.is_independent)
     for _ in range(20):
-        if kind == "by-object" and not is_known:
-            noise, errors = _noise_by_object(problem, unknowns, noise, bounds)
+        if isinstance(model, ByGroup) and not is_known:
+            noise, errors = _noise_by_group(problem, kind, unknowns, noise, bounds)
             if not errors:
                 return problem, optimum
         elif not is_known:
@@ -641,8 +641,8 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
         limits = _bounds_of_levels(problem)
         covariance[np.ix_(free, free)] += covariance_by_levels(model, [fit], every, problem.known_noise, *limits)[0]
         optimum = replace(optimum, covariance=covariance)
-    if kind == "by-object":
-        noise, errors = _noise_by_object(problem, unknowns, noise, bounds, restricted=False)
+    if isinstance(model, ByGroup):
+        noise, errors = _noise_by_group(problem, kind, unknowns, noise, bounds, restricted=False)
     else:
         levels = _levels(problem, kind, unknowns, noise, bounds, levels, restricted=False)
         noise, errors = levels[:m], model.model(levels[m:])
@@ -650,18 +650,18 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     return problem, replace(optimum, log_likelihood=at_levels.log_likelihood(unknowns, noise))
 
 
-def _noise_by_object(
-    problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, restricted: bool = True
+def _noise_by_group(
+    problem: Problem, kind: ErrorKind, unknowns: Floats, noise: Floats, bounds: Bounds, restricted: bool = True
 ) -> tuple[Floats, ErrorModel]:
-    """Return the noise of all objects, and that of each one of quantities for which the evidence is for scatter."""
+    """Return the noise of all objects, and that of each group of quantities for which the evidence is for scatter."""
     free = (unknowns != bounds.low) & (unknowns != bounds.high)
-    residuals = problem.noise_by_object(unknowns, noise, free, restricted)
+    residuals = problem.noise_by_group(kind, unknowns, noise, free, restricted)
     scatters = (problem.scatters if problem.errors else residuals.evidence > 0) & ~problem.known_noise
     levels, factors = residuals.levels(scatters)
     if not scatters.any():
         return noise, WHITE_NOISE
-    owners = dict.fromkeys(data.trial.object for data in problem.trials)
-    return np.where(problem.known_noise, noise, levels), ErrorModel(by_object=dict(zip(owners, factors, strict=True)))
+    errors = by_group(kind).of_factors([data.trial for data in problem.trials], factors)
+    return np.where(problem.known_noise, noise, levels), errors
 
 
 def _levels(

@@ -261,7 +261,7 @@ class Forecast(ShownInNotebooks):
             pairs = zip(self.followed.measurement_std(white), self._states(), strict=True)
             return tuple(std * np.where(columns, states, 1.0) for std, states in pairs)
         errors = self.error_model
-        noise = [trial.std(errors.noise_of(trial.object, self.noise)) for trial in self.trials]
+        noise = [trial.std(errors.noise_of_trial(trial, self.noise)) for trial in self.trials]
         forecast = zip(self.trials, self._states(), noise, strict=True)
         if white:
             return tuple(errors.white_std(states, std) for _, states, std in forecast)

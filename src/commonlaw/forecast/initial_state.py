@@ -197,7 +197,7 @@ class MeasuredStart(_AtFirstSample):
         law, trial = self.law, self.samples
         assert law.uncertainty.noise is not None
         error_model = law.uncertainty.error_model
-        white = trial.std(error_model.noise_of(trial.object, law.uncertainty.noise))
+        white = trial.std(error_model.noise_of_trial(trial, law.uncertainty.noise))
         noise = error_model.measurement_std(trial.states, white, trial.elapsed)
         second, states = with_rates(law.order, len(law.schema.states)), noise.shape[1]
         covariance = np.diag(np.append(noise[0] ** 2, np.zeros(len(second))))
@@ -284,7 +284,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         lacks = "has no noise estimate" if law.uncertainty.noise is None else "has zero noise for a state"
         raise CommonlawError("initial-values-without-noise", lacking=lacks)
     errors, threshold = law.uncertainty.error_model, law.uncertainty.huber_threshold
-    pooled, noise = law.uncertainty.noise, errors.noise_of(trial.object, law.uncertainty.noise)
+    pooled, noise = law.uncertainty.noise, errors.noise_of_trial(trial, law.uncertainty.noise)
     measured = np.isfinite(trial.states).any(axis=0)
     # States that were never measured where others were follow from the law
     unmeasured = [law.schema.states[j] for j in np.flatnonzero(~measured)] if measured.any() else []

@@ -67,7 +67,7 @@ class HeaderDocument(msgspec.Struct):
 class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """Levels by state, see `ErrorModel`; heteroscedastic ones by kind, but for those in proportion to the state.
 
-    Those by object are factors of the noise.
+    Those by object, and by the label of a trial, are factors of the noise.
     """
 
     proportional: Floats | None = None
@@ -82,6 +82,7 @@ class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, o
     slope: Floats | None = None
     trend: Floats | None = None
     by_object: dict[str, Floats] = {}
+    by_trial: dict[str, Floats] = {}
 
 
 class EstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -354,12 +355,14 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         return EstimatesDocument(coefficients=by_object(known.coefficients), covariance=triangles(known.covariance))
 
     levels = {name: level for name, level in vars(uncertainty.error_model).items() if level is not None}
-    grown, factors = {**levels.pop("heteroscedastic")}, {**levels.pop("by_object")}
+    grown, factors = (
+        {**levels.pop("heteroscedastic")},
+        {name: {**levels.pop(name)} for name in ("by_object", "by_trial")},
+    )
     errors = {name: level for name, level in levels.items() if np.isfinite(level).all()}
     if grown:
         errors |= {"proportional": grown.pop("proportional", None), "heteroscedastic": grown}
-    if factors:
-        errors["by_object"] = factors
+    errors |= {name: known for name, known in factors.items() if known}
     return UncertaintyDocument(
         covariance=triangles(uncertainty.covariance),
         shared_factor=by_object(uncertainty.shared_factor),

@@ -6,7 +6,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.law.law import Law
-from commonlaw.likelihood import ERRORS, Heteroscedastic
+from commonlaw.likelihood import ERRORS, ByGroup, Heteroscedastic
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted
 
@@ -26,7 +26,7 @@ def misfit_lines(law: Law) -> list[str]:
     unit_of_time = schema.units.get(schema.time, f"units of {schema.time}")
     for kind in errors.kinds:
         amounts = [*_amounts(law, kind)]
-        if not amounts and kind == "by-object":  # Of one object
+        if not amounts and isinstance(ERRORS[kind], ByGroup):  # Of one object
             continue
         text = ERRORS[kind].description.format(
             amount=" and ".join(amounts) or "an unknown amount",
@@ -62,12 +62,13 @@ def _amounts(law: Law, kind: ErrorKind) -> Iterator[str]:
     if isinstance(model, Heteroscedastic):
         yield errors.heteroscedastic_in_words(schema.states)[kind]
         return
-    if kind == "by-object":
+    if isinstance(model, ByGroup):
+        groups = errors.by_trial or {owner: factors for owner, factors in errors.by_object.items() if owner in known}
         for j, name in enumerate(schema.states):
-            levels = {owner: float(factors[j]) for owner, factors in errors.by_object.items() if owner in known}
+            levels = {group: float(factors[j]) for group, factors in groups.items()}
             if noise is not None and len({*levels.values()}) > 1:
-                ends = (min(levels, key=lambda owner: levels[owner]), max(levels, key=lambda owner: levels[owner]))
-                of = (f"{_size(law, j, levels[owner] * noise[j])} ({owner})" for owner in ends)
+                ends = (min(levels, key=lambda group: levels[group]), max(levels, key=lambda group: levels[group]))
+                of = (f"{_size(law, j, levels[group] * noise[j])} ({group})" for group in ends)
                 yield f"from {' to '.join(of)} in {name}"
         return
     if (size := misfit_size(law, kind)) is None:

@@ -297,11 +297,11 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
     )
 
 
-def levels_by_object(errors: ErrorModel, noise: Floats, schema: Schema) -> str:
-    """Return the noise of each object in words, of eight at most, given that of all, shape (states,)."""
-    owners = [*errors.by_object]
-    levels = [f"{owner}, {levels_in_words(errors.noise_of(owner, noise), schema)}" for owner in owners[:8]]
-    return "; ".join([*levels, *(["..."] if len(owners) > 8 else [])])
+def levels_by_group(errors: ErrorModel, noise: Floats, schema: Schema) -> str:
+    """Return the noise of each object, or trial, in words, of eight at most, given that of all, shape (states,)."""
+    factors = errors.by_trial or errors.by_object
+    levels = [f"{group}, {levels_in_words(noise * factor, schema)}" for group, factor in [*factors.items()][:8]]
+    return "; ".join([*levels, *(["..."] if len(factors) > 8 else [])])
 
 
 def error_steps(
@@ -314,8 +314,8 @@ def error_steps(
     grown = errors.heteroscedastic_in_words(schema.states)
     result += [Step(ERRORS[kind].label, levels, why) for kind, levels in grown.items()]
     if errors.by_object:
-        levels = levels_by_object(errors, noise, schema)
-        result.append(Step(ERRORS["by-object"].label, levels, why))
+        levels = levels_by_group(errors, noise, schema)
+        result.append(Step(ERRORS[errors.grouping].label, levels, why))
     if errors.correlated is not None:
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, '')}".rstrip()
         levels = levels_in_words(errors.correlated, schema)

@@ -461,10 +461,11 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
             arrays[name] = checked(values, f"level of errors ({name})", "states", (size,), low=0)
     if errors.trend is not None:
         arrays["trend"] = checked(errors.trend, "level of errors (trend)", "states", (states,))
-    arrays["by_object"] = {
-        owner: checked(factors, f"noise of {owner}", "states", (states,), low=np.finfo(float).tiny)
-        for owner, factors in errors.by_object.items()
-    }
+    for name in ("by_object", "by_trial"):
+        arrays[name] = {
+            group: checked(factors, f"noise of {group}", "states", (states,), low=np.finfo(float).tiny)
+            for group, factors in getattr(errors, name).items()
+        }
     for name in ("memory", "force_time"):
         if not getattr(errors, name) > 0:
             raise CommonlawError("law-error-not-positive", name=name, value=getattr(errors, name))

@@ -16,10 +16,12 @@ from commonlaw.likelihood.errors import (
     ERRORS as ERRORS,
     WHITE_NOISE as WHITE_NOISE,
     AbstractErrors as AbstractErrors,
-    ByObject as ByObject,
+    ByGroup as ByGroup,
     ErrorModel as ErrorModel,
     Heteroscedastic as Heteroscedastic,
     Scales as Scales,
+    by_group as by_group,
+    groupings as groupings,
     heteroscedastic as heteroscedastic,
 )
 from commonlaw.likelihood.fitting import (
@@ -42,9 +44,9 @@ from commonlaw.likelihood.mesh import (
     meshes as meshes,
 )
 from commonlaw.likelihood.noise_scatter import (
-    NoiseByObject as NoiseByObject,
+    NoiseByGroup as NoiseByGroup,
     cost_of_scatter as cost_of_scatter,
-    omitted_by_object as omitted_by_object,
+    omitted_by_group as omitted_by_group,
 )
 from commonlaw.likelihood.observation_model import (
     HUBER_THRESHOLD as HUBER_THRESHOLD,

@@ -1,7 +1,7 @@
 """Error models besides white noise, one class each: levels, bounds, and initial values of their estimation."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import ClassVar, Literal
@@ -11,6 +11,7 @@ import numpy as np
 from commonlaw.array_types import Floats, Indices
 from commonlaw.likelihood.observation_model import LatentProcesses
 from commonlaw.runtime.fit_options import ErrorKind
+from commonlaw.trials import Trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +21,8 @@ class ErrorModel:
     Levels of `Heteroscedastic` noise are by kind, each of shape (d,); `walk` is a random walk of states and rates, for
     a unit of time, shape (D,), `sensor_walk` one of measurements, (d,). For the others see `LatentProcesses`. White
     noise, and the walk, of an object are those of all objects times its factors in `by_object`, shape (d,); of objects
-    that are not there they are those of all.
+    that are not there they are those of all. White noise of a fitted trial, by its label, is that of all times its
+    factors in `by_trial`, where it is there; its object then has the root mean square.
     """
 
     heteroscedastic: Mapping[ErrorKind, Floats] = field(default_factory=dict)
@@ -34,6 +36,7 @@ class ErrorModel:
     slope: Floats | None = None
     trend: Floats | None = None
     by_object: Mapping[str, Floats] = field(default_factory=dict)
+    by_trial: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
     def kinds(self) -> tuple[ErrorKind, ...]:
@@ -44,7 +47,8 @@ class ErrorModel:
             "sensor-walk": self.sensor_walk,
             "drift": self.slope,
             **self.heteroscedastic,
-            "by-object": self.by_object or None,
+            "by-object": None if self.by_trial else self.by_object or None,
+            "by-trial": self.by_trial or None,
             "random-walk": self.walk,
         }
         return tuple(kind for kind, level in levels.items() if level is not None)
@@ -100,6 +104,16 @@ class ErrorModel:
     def noise_of(self, owner: str, noise: Floats) -> Floats:
         """Return the white noise of an object, shape (d,), given that of all objects."""
         return noise * self.by_object.get(owner, 1.0)
+
+    @property
+    def grouping(self) -> ErrorKind:
+        """By which groups white noise differs, if it does."""
+        return "by-trial" if self.by_trial else "by-object"
+
+    def noise_of_trial(self, trial: Trial, noise: Floats) -> Floats:
+        """Return the white noise of a fitted trial, shape (d,), given that of all objects."""
+        factors = self.by_trial.get(trial.label)
+        return self.noise_of(trial.object, noise) if factors is None else noise * factors
 
     def walk_of(self, owner: str, second: Indices) -> Floats | None:
         """Return the random walk of an object, whose states of second order are given by index."""
@@ -270,11 +284,9 @@ class Proportional(Heteroscedastic):
         return f"{100 * level:.3g} % of {state}"
 
 
-class ByObject(AbstractErrors):
-    """White noise of each object's own standard deviation, see `noise_scatter`."""
+class ByGroup(AbstractErrors):
+    """White noise of a standard deviation for each group of measurements, see `noise_scatter`."""
 
-    label = "noise by object"
-    description = "noise that differs between objects, {amount}"
     is_independent = True
 
     def model(self, values: Floats) -> ErrorModel:
@@ -282,6 +294,55 @@ class ByObject(AbstractErrors):
 
     def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
         return np.empty(0), np.empty(0)
+
+    @abstractmethod
+    def group_of(self, trial: Trial) -> str:
+        """Return the name of the group of a trial."""
+
+    def groups(self, trials: Iterable[Trial]) -> Indices:
+        """Return the number of the group of each trial, in the order in which they come."""
+        numbers = dict[str, int]()
+        return np.array([numbers.setdefault(self.group_of(trial), len(numbers)) for trial in trials], dtype=np.int64)
+
+    @abstractmethod
+    def of_factors(self, trials: Sequence[Trial], factors: Floats) -> ErrorModel:
+        """Return the errors of trials whose groups have factors of the noise, shape (groups, d)."""
+
+
+class ByObject(ByGroup):
+    """White noise of each object's own standard deviation."""
+
+    label = "noise by object"
+    description = "noise that differs between objects, {amount}"
+
+    def group_of(self, trial: Trial) -> str:
+        return trial.object
+
+    def of_factors(self, trials: Sequence[Trial], factors: Floats) -> ErrorModel:
+        objects = dict.fromkeys(trial.object for trial in trials)
+        return ErrorModel(by_object=dict(zip(objects, factors, strict=True)))
+
+
+class ByTrial(ByGroup):
+    """White noise of each trial's own standard deviation; that of its object is the root mean square."""
+
+    label = "noise by trial"
+    description = "noise that differs between trials, {amount}"
+
+    def group_of(self, trial: Trial) -> str:
+        return trial.label
+
+    def of_factors(self, trials: Sequence[Trial], factors: Floats) -> ErrorModel:
+        of_objects = dict[str, list[tuple[Floats, Floats]]]()
+        for trial, factor in zip(trials, factors, strict=True):
+            counts = np.maximum(trial.counts.sum(axis=0), 1.0)
+            of_objects.setdefault(trial.object, []).append((counts, factor))
+        typical = {
+            owner: np.sqrt(sum(n * factor**2 for n, factor in parts) / sum(n for n, _ in parts))
+            for owner, parts in of_objects.items()
+        }
+        labels = [trial.label for trial in trials]
+        return ErrorModel(by_object=typical, by_trial=dict(zip(labels, factors, strict=True)))
 
 
 class _Timed(AbstractErrors):
@@ -414,12 +475,32 @@ ERRORS: Mapping[ErrorKind, AbstractErrors] = {
     "white": White(),
     "proportional": Proportional(),
     "by-object": ByObject(),
+    "by-trial": ByTrial(),
     "autocorrelated": Correlated(),
     "sensor-walk": SensorWalk(),
     "drift": Drift(),
     "random-walk": Walk(),
     "gp-forcing": Force(),
 }
+
+
+def groupings(trials: Iterable[Trial]) -> tuple[ErrorKind, ...]:
+    """Return the kinds of noise by group that have several groups of these trials; of equal ones the first."""
+    counts, result = {1}, list[ErrorKind]()
+    labels = [(trial.object, trial.label) for trial in trials]
+    numbers: dict[ErrorKind, int] = {"by-object": len({name for name, _ in labels}), "by-trial": len({*labels})}
+    for kind, number in numbers.items():
+        if number not in counts:
+            result.append(kind)
+        counts.add(number)
+    return tuple(result)
+
+
+def by_group(kind: ErrorKind) -> ByGroup:
+    """Return a kind of noise that differs between groups."""
+    errors = ERRORS[kind]
+    assert isinstance(errors, ByGroup)
+    return errors
 
 
 def heteroscedastic(kind: ErrorKind) -> Heteroscedastic:

@@ -176,7 +176,7 @@ class Deviations:
     def whitened(self, noise: Floats, errors: ErrorModel) -> Whitened:
         """Return the residuals under white noise, shape (m,), and other errors."""
         trial = self.trial
-        typical = with_typical(trial.noise, errors.noise_of(trial.object, noise))
+        typical = with_typical(trial.noise, errors.noise_of_trial(trial, noise))
         white = errors.white_std(self.reference, typical) * trial.averaging
         std = white if self.weights is None else white / np.sqrt(self.weights)
         z, slopes = self.values + errors.mean(trial.elapsed) - trial.states, self.slopes

@@ -1,6 +1,6 @@
-"""Noise that differs between objects: levels of largest posterior probability, and the evidence for their scatter.
+"""Noise that differs between objects, or trials: levels of largest posterior probability, evidence for their scatter.
 
-Of m objects with n_o measurements of a quantity, residual sums of squares R_o with nu_o degrees of freedom, and
+Of m groups o with n_o measurements of a quantity, residual sums of squares R_o with nu_o degrees of freedom, and
 logarithms u_o of the noise, minus twice the restricted log-likelihood (Patterson and Thompson 1971) is
 
     sum_o 2 nu_o u_o + R_o exp(-2 u_o).
@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.likelihood.outliers import median_noise
 
 _MAX_ROUNDS = 100
@@ -32,16 +32,24 @@ _SAME_LOGARITHM = 1e-10
 """Change of logarithms of levels at which their iteration ends, after so many rounds at most."""
 
 
-class NoiseByObject(NamedTuple):
-    """Residual sums of squares by object, their degrees of freedom, numbers of measurements, and least noise.
+class NoiseByGroup(NamedTuple):
+    """Residual sums of squares by group, their degrees of freedom, numbers of measurements, and least noise.
 
-    Each has the shape (objects, d).
+    Groups are objects or trials; each has the shape (groups, d).
     """
 
     squares: Floats
     freedom: Floats
     counts: Floats
     floors: Floats
+
+    def merged(self, groups: Indices) -> "NoiseByGroup":
+        """Return that of groups of these, given by number; their noise is at least the mean square of the least."""
+        sums = np.zeros((4, int(groups.max()) + 1, self.squares.shape[1]))
+        for total, values in zip(sums, (self.squares, self.freedom, self.counts, self.floors**2), strict=True):
+            np.add.at(total, groups, values)
+        squares, freedom, counts, floors = sums
+        return NoiseByGroup(squares, freedom, counts, np.sqrt(floors / np.bincount(groups)[:, np.newaxis]))
 
     @property
     def evidence(self) -> Floats:
@@ -56,10 +64,10 @@ class NoiseByObject(NamedTuple):
         return result
 
     def levels(self, scatters: Bools) -> tuple[Floats, Floats]:
-        """Return the noise of all objects, shape (d,), and the factors of each object, shape (objects, d).
+        """Return the noise of all objects, shape (d,), and the factors of each group, shape (groups, d).
 
         The noise of all is the root mean square over measurements. Factors are one of quantities that do not scatter,
-        and of objects with less than one degree of freedom, or at rest.
+        and of groups with less than one degree of freedom, or at rest.
         """
         noise = np.sqrt(self.squares.sum(axis=0) / np.maximum(self.freedom.sum(axis=0), 1.0))
         factors = np.ones(self.squares.shape)
@@ -86,13 +94,13 @@ class NoiseByObject(NamedTuple):
         return np.asarray((self.freedom >= 1) & moves)
 
     def _scattering(self) -> Iterator[tuple[int, tuple[Floats, Floats, Floats, Floats]]]:
-        """Yield the quantities of two objects or more: likeliest logarithms, and the members of these objects."""
+        """Yield the quantities of two groups or more: likeliest logarithms, and the members of these groups."""
         for j, usable in enumerate(self._usable.T):
             if usable.sum() > 1 and self.squares[usable, j].any():
                 yield j, (self._likeliest(j, usable), *(values[usable, j] for values in self[:3]))
 
     def _likeliest(self, j: int, usable: Bools) -> Floats:
-        """Return the logarithms of levels of largest posterior probability of a quantity, shape (usable objects,).
+        """Return the logarithms of levels of largest posterior probability of a quantity, shape (usable groups,).
 
         Each is the root of ``nu + k (u - mean u) = R exp(-2 u)`` with k and the mean of the last ones, by a Newton step
         in each round.
@@ -110,8 +118,8 @@ class NoiseByObject(NamedTuple):
         return np.asarray(logs)
 
 
-def omitted_by_object(sizes: Floats, threshold: float) -> Bools:
-    """Return which standardized residuals of an object, shape (n, d), are outliers by its own noise, too.
+def omitted_by_group(sizes: Floats, threshold: float) -> Bools:
+    """Return which standardized residuals of a group, shape (n, d), are outliers by its own noise, too.
 
     They exceed the threshold under the present noise, and under that of their median size.
     """

@@ -22,7 +22,7 @@ from commonlaw.law.alignment import TRIALS
 from commonlaw.law.equilibria import depends_on, has_phase_plane
 from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
-from commonlaw.law.provenance import Domain, levels_by_object, levels_in_words
+from commonlaw.law.provenance import Domain, levels_by_group, levels_in_words
 from commonlaw.law.script import Source
 from commonlaw.law.tables import (
     MEANINGS,
@@ -34,6 +34,7 @@ from commonlaw.law.tables import (
     with_unit,
 )
 from commonlaw.law.text import MANY
+from commonlaw.likelihood import ERRORS
 from commonlaw.plots import (
     ForecastPanels,
     IntervalPanels,
@@ -248,7 +249,8 @@ def _errors(case: Summary) -> Iterator[Block]:
         )
         levels = [f"{kind} of {levels_in_words(std, schema)}" for kind, std in kinds if std is not None]
         levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]
-        levels += [f"noise by object: {levels_by_object(errors, noise, schema)}"] if errors.by_object else []
+        if errors.by_object:
+            levels.append(f"{ERRORS[errors.grouping].label}: {levels_by_group(errors, noise, schema)}")
         yield Text(f"Measurement errors: {literal('; '.join(levels))}.")
     if errors.of_law:
         yield Text("Forecast bands contain the process noise.")

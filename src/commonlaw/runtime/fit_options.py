@@ -20,7 +20,15 @@ if TYPE_CHECKING:
     from commonlaw.solvers import AbstractSolver
 
 ErrorKind = Literal[
-    "white", "proportional", "by-object", "autocorrelated", "sensor-walk", "drift", "random-walk", "gp-forcing"
+    "white",
+    "proportional",
+    "by-object",
+    "by-trial",
+    "autocorrelated",
+    "sensor-walk",
+    "drift",
+    "random-walk",
+    "gp-forcing",
 ]
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
@@ -235,6 +243,7 @@ class FitOptions:
             "white": "white noise only; in `fit`, `refine` and `compare` by least squares",
             "proportional": "heteroscedastic noise, which grows with the state",
             "by-object": "noise that differs between objects",
+            "by-trial": "noise that differs between trials",
             "autocorrelated": "autocorrelated measurement errors",
             "sensor-walk": "a random walk of the sensor in each trial",
             "drift": "a drift of the sensor, an offset and a slope in time of each trial",
@@ -341,8 +350,8 @@ def check_settings(function: str, values: Mapping[str, Any]) -> None:
         if about.choices:
             check_choice(name, values[name], about.choices)
         about.check(name, values[name])
-    if values["errors"] == "by-object" and values["noise"] is not None:
-        raise CommonlawError("noise-by-object-given")
+    if values["errors"] in ("by-object", "by-trial") and values["noise"] is not None:
+        raise CommonlawError("noise-by-group-given", errors=values["errors"])
 
 
 def changed_settings(function: str, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -108,16 +108,12 @@ class Replication(NamedTuple):
     freedom: Floats
 
 
-def replication(trials: "Iterable[Trial]") -> dict[str, Replication]:
-    """Return that of each object, in the order of the trials."""
-    groups = dict[str, list[Trial]]()
-    for trial in trials:
-        groups.setdefault(trial.object, []).append(trial)
-    result = dict[str, Replication]()
-    for name, group in groups.items():
-        counts = np.sum([trial.counts.sum(axis=0) for trial in group], axis=0)
-        result[name] = Replication(counts, *pure_error([trial.repeats for trial in group], len(counts)))
-    return result
+def replication(trials: "Iterable[Trial]") -> "list[tuple[Trial, Replication]]":
+    """Return the trials, each with its own."""
+    return [
+        (trial, Replication(trial.counts.sum(axis=0), *pure_error([trial.repeats], trial.states.shape[1])))
+        for trial in trials
+    ]
 
 
 Property = float | str

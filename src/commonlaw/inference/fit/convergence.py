@@ -21,12 +21,12 @@ from commonlaw.inference.fit.covariance import (
     outliers,
     relative_residuals,
     residual_degrees_of_freedom,
-    residuals_by_object,
+    residuals_by_group,
     total_degrees_of_freedom,
 )
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit
 from commonlaw.inference.fit.shared_coefficients import maximum
-from commonlaw.likelihood import ERRORS, ErrorModel, Estimate, NotPositiveError, fit_each
+from commonlaw.likelihood import ERRORS, ByGroup, ErrorModel, Estimate, NotPositiveError, fit_each
 from commonlaw.likelihood.levels import MOVED, Deviations, LinearizedFit, likeliest_levels
 from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
 from commonlaw.runtime.fit_options import ErrorKind
@@ -46,7 +46,9 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         return fit if fit.shared is None else _fitted(fit), True
     before, is_fitted, kind = fit, False, fit.errors
     with suppress(NotPositiveError):
-        if ERRORS[kind].group == "measurement" and kind != "by-object":  # Under white noise it would be all outliers
+        if ERRORS[kind].group == "measurement" and not isinstance(
+            ERRORS[kind], ByGroup
+        ):  # Under white noise it would be all outliers
             white = fit.problem.under_white_noise
             fit = replace(fit, problem=white, estimates=white.padded(fit.estimates))
         squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
@@ -56,7 +58,8 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         if not ERRORS[kind].is_independent:  # Rejected one by one, the noise among correlated errors would vanish
             threshold = fit.problem.models[0].observation.huber_threshold
             fit = replace(fit, problem=fit.problem.with_huber_threshold(threshold))
-        if kind == "by-object" and not np.any(fit.problem.scatters & (residuals_by_object(fit).evidence > 0)):
+        is_grouped = isinstance(ERRORS[kind], ByGroup)
+        if is_grouped and not np.any(fit.problem.scatters & (residuals_by_group(fit, kind).evidence > 0)):
             # It was scattered by outliers alone
             fit = _under_residual_noise(replace(fit, problem=fit.problem.under_white_noise))
         elif ERRORS[kind].group == "measurement":
@@ -123,12 +126,11 @@ def _minus_twice_log_likelihood(fit: Fit) -> float:
     sizes, (squares, repeated) = relative_residuals(fit), problem.pure_error
     deviance = np.nansum(capped(sizes, problem.models[0].observation.huber_threshold), axis=0)
     deviance += squares / problem.noise**2 + 2 * (np.isfinite(sizes).sum(axis=0) + repeated) * np.log(problem.noise)
-    ones, before = np.ones(len(problem.noise)), 0
-    for name, model in zip(problem.trials.objects, problem.models, strict=True):
-        rows = slice(before, before + sum(map(len, model.meshes)))
-        before, factor = rows.stop, problem.errors.noise_of(name, ones)
-        counts = np.isfinite(sizes[rows]).sum(axis=0) + problem.replication[name].freedom
-        deviance += 2 * counts * np.log(factor)
+    ones, places = np.ones(len(problem.noise)), np.concatenate(problem.trial_of_points)
+    counts = np.zeros((len(problem.in_order), len(ones)))
+    np.add.at(counts, places, np.isfinite(sizes))
+    for (trial, of_trial), count in zip(problem.replication, counts, strict=True):
+        deviance += 2 * (count + of_trial.freedom) * np.log(problem.errors.noise_of_trial(trial, ones))
     return float(deviance.sum())
 
 
@@ -202,10 +204,10 @@ def _under_likeliest_levels(fit: Fit, kind: ErrorKind) -> Fit:
     why = "estimate of restricted maximum likelihood under this error model"
     for _ in range(settings.MAX_ITERATIONS):
         problem = fit.problem.about(fit.estimates)
-        if kind != "by-object":
+        if not isinstance(ERRORS[kind], ByGroup):
             problem = problem.with_errors(*likeliest_errors(fit, kind), why)
         elif not problem.noise_given:
-            problem = problem.with_noise_by_object(residuals_by_object(fit), problem.scatters, why)
+            problem = problem.with_noise_by_group(kind, residuals_by_group(fit, kind), problem.scatters, why)
         before, fit = fit, _fitted(replace(fit, problem=problem, estimates=problem.padded(fit.estimates)))
         if _moved(fit, before.estimates, _metric(fit)) < MOVED:
             break

@@ -16,14 +16,14 @@ from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.fit import Fit, fully_measured
-from commonlaw.inference.fit.noise_by_object import approximately_used, noise_by_object
+from commonlaw.inference.fit.noise_by_group import approximately_used, noise_by_group
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.shared_coefficients import leverage, maximum
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
-from commonlaw.likelihood import ERRORS, ErrorModel, NoiseByObject, deviations, whitened
+from commonlaw.likelihood import ERRORS, ErrorModel, NoiseByGroup, deviations, whitened
 from commonlaw.likelihood.levels import Deviations, LinearizedFit, covariance_by_levels
-from commonlaw.runtime.fit_options import CovarianceKind
+from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind
 
 
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
@@ -64,14 +64,14 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
 def degrees_of_freedom(fit: Fit) -> Floats | None:
     """Return the degrees of freedom of the noise estimates, shape (states,); None if the noise is given.
 
-    For unmeasured states, or with less than one, they are those of all states. Where the noise differs between objects
-    they are the fewest of one.
+    For unmeasured states, or with less than one, they are those of all states. Where the noise differs between objects,
+    or trials, they are the fewest of one.
     """
     if fit.problem.noise_given:
         return None
     freedom = residual_degrees_of_freedom(fit)
     if (scatters := fit.problem.scatters).any():
-        freedom = residuals_by_object(fit).degrees_of_freedom(scatters)
+        freedom = residuals_by_group(fit, fit.problem.errors.grouping).degrees_of_freedom(scatters)
     return np.where(freedom < 1, max(total_degrees_of_freedom(freedom), 1.0), freedom)
 
 
@@ -89,9 +89,9 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
     return np.where(problem.trials.schema.is_latent, 0.0, counts - _used(fit).sum(axis=0))
 
 
-def residuals_by_object(fit: Fit) -> NoiseByObject:
-    """Return the residuals of each object, see `noise_by_object`."""
-    return noise_by_object(fit.problem, fit.estimates, _used(fit))
+def residuals_by_group(fit: Fit, kind: ErrorKind) -> NoiseByGroup:
+    """Return the residuals of each group of a kind of noise, see `noise_by_group`."""
+    return noise_by_group(fit.problem, fit.estimates, _used(fit), kind)
 
 
 def _used(fit: Fit) -> Floats:

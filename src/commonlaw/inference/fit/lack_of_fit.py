@@ -6,7 +6,7 @@ the search, which would otherwise interpret large residuals as lack of fit, or b
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.differentiation import differences, noise_correlation, noise_order, without_outliers
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
-from commonlaw.inference.fit.noise_by_object import approximately_used, noise_by_object
+from commonlaw.inference.fit.noise_by_group import approximately_used, noise_by_group
 from commonlaw.inference.fit.parameter_grid import divisors, log_grid
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.settings import (
@@ -32,7 +32,17 @@ from commonlaw.integration import (
     simulate_each,
 )
 from commonlaw.library.grammar import evaluate
-from commonlaw.likelihood import HUBER_THRESHOLD, ErrorModel, Estimate, Mesh, NoiseByObject, jacobians, propagated
+from commonlaw.likelihood import (
+    HUBER_THRESHOLD,
+    ErrorModel,
+    Estimate,
+    Mesh,
+    NoiseByGroup,
+    by_group,
+    groupings,
+    jacobians,
+    propagated,
+)
 from commonlaw.likelihood.levels import autocorrelation
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import unannounced
@@ -54,15 +64,17 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departu
 
     They are heteroscedastic or autocorrelated if twice the log-likelihood ratio of a model with it exceeds log n for
     each of its parameters (BIC), see `autocorrelation`. Those of white noise are of unequal noise between objects if
-    that of levels by object exceeds their costs, see `NoiseByObject.evidence`, and for given terms very strongly so:
+    that of levels by object exceeds their costs, see `NoiseByGroup.evidence`, and for given terms very strongly so:
     these are fitted under white noise else.
     """
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
     is_unequal = np.zeros(len(measured), dtype=np.bool_)
-    if len(problem.models) > 1 and not (problem.noise_given or problem.errors) and measured.any():
-        by_object = noise_by_object(problem, estimates, approximately_used(problem, estimates))
-        is_unequal = measured & (by_object.evidence > (settings.VERY_STRONG if problem.solver is None else 0.0))
+    if not (problem.noise_given or problem.errors) and measured.any():
+        needed = settings.VERY_STRONG if problem.solver is None else 0.0
+        used = approximately_used(problem, estimates)
+        for kind in groupings(problem.in_order):
+            is_unequal |= measured & (noise_by_group(problem, estimates, used, kind).evidence > needed)
     return {
         f"residuals of {name} are {words}": words in OF_NOISE
         for j, name in enumerate(problem.trials.schema.states)
@@ -254,28 +266,27 @@ def with_heteroscedastic_noise(problem: SearchProblem, kinds: Sequence[ErrorKind
     Of the states for which differences support noise of one of these kinds, that of more evidence is taken: twice the
     log-likelihood ratio of squared differences, over the variance inflation by the correlation of neighbouring ones,
     less log n for proportional noise, which must be above zero, and less the costs of levels by object, see
-    `NoiseByObject.evidence`, which must be very strong. Trials in which no two orders of differences agree are left
+    `NoiseByGroup.evidence`, which must be very strong. Trials in which no two orders of differences agree are left
     out: their states change too fast between samples. They must be fewer than half.
     """
-    schema, floor, objects = problem.trials.schema, noise_floor(problem.trials), problem.trials.objects
+    schema, floor, trials = problem.trials.schema, noise_floor(problem.trials), problem.in_order
     noise, shares, proportional = problem.noise.copy(), np.zeros(len(problem.noise)), 0.0
     if problem.noise_given:
         return problem
-    squares, freedom = np.zeros((2, len(objects), len(noise)))
+    squares, freedom = np.zeros((2, len(trials), len(noise)))
     for j, name in enumerate(schema.states):
         columns = list[tuple[int, tuple[Floats, Floats, Floats]]]()  # Times, values, and smoothed values of each trial
-        for o, (object_name, curves) in enumerate(zip(objects, problem.smoothed, strict=True)):
-            for trial, smooth in zip(problem.trials.of_object(object_name), curves, strict=True):
-                seen = np.isfinite(trial.states[:, j])
-                values = trial.states[seen, j]
-                if name not in schema.initial_values and len(values) >= MIN_SAMPLES and np.ptp(values) > 0:
-                    columns.append((o, (trial.times[seen], values, smooth[seen, j])))
+        for i, (trial, smooth) in enumerate(zip(trials, chain.from_iterable(problem.smoothed), strict=True)):
+            seen = np.isfinite(trial.states[:, j])
+            values = trial.states[seen, j]
+            if name not in schema.initial_values and len(values) >= MIN_SAMPLES and np.ptp(values) > 0:
+                columns.append((i, (trial.times[seen], values, smooth[seen, j])))
         orders = [noise_order(times, values) for _, (times, values, _) in columns]
         columns = [column for column, order in zip(columns, orders, strict=True) if order]
         if len(columns) <= len(orders) / 2:
             continue
         order = max(order for order in orders if order)
-        parts = [(o, *_differences(*column, order)) for o, column in columns]
+        parts = [(i, *_differences(*column, order)) for i, column in columns]
         squared, sizes = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
         if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # At the noise floor
             continue
@@ -283,14 +294,19 @@ def with_heteroscedastic_noise(problem: SearchProblem, kinds: Sequence[ErrorKind
         gain, (constant, share) = proportional_noise_gain(squared, sizes)
         if (evidence := gain / inflation - np.log(sum(problem.measured))) > 0:
             noise[j], shares[j], proportional = max(constant, floor[j]), share, proportional + float(evidence)
-        for o, of_trial, _ in parts:
-            squares[o, j] += of_trial.sum() / inflation
-            freedom[o, j] += len(of_trial) / inflation
-    floors = np.array([noise_floor(problem.trials.select(object=name)) for name in objects])
-    residuals, why = NoiseByObject(squares, freedom, freedom, floors), "by differences of neighbouring samples"
-    scatters = residuals.evidence > settings.VERY_STRONG
-    if "by-object" in kinds and float(residuals.evidence[scatters].sum()) > proportional * ("proportional" in kinds):
-        return problem.with_noise_by_object(residuals, scatters, why)
+        for i, of_trial, _ in parts:
+            squares[i, j] += of_trial.sum() / inflation
+            freedom[i, j] += len(of_trial) / inflation
+    floors = np.array([noise_floor(problem.trials.with_trials([trial])) for trial in trials])
+    why = "by differences of neighbouring samples"
+    most, chosen = proportional * ("proportional" in kinds), None
+    for kind in (kind for kind in groupings(trials) if kind in kinds):
+        residuals = NoiseByGroup(squares, freedom, freedom, floors).merged(by_group(kind).groups(trials))
+        scatters = residuals.evidence > settings.VERY_STRONG
+        if (evidence := float(residuals.evidence[scatters].sum())) > most:
+            most, chosen = evidence, (kind, residuals, scatters)
+    if chosen is not None:
+        return problem.with_noise_by_group(*chosen, why)
     if "proportional" in kinds and shares.any():
         return problem.with_errors(noise, ErrorModel({"proportional": shares}), why)
     return problem

@@ -6,7 +6,7 @@ from itertools import chain
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.formulation import refuse_constant_states
@@ -37,16 +37,17 @@ from commonlaw.likelihood import (
     ErrorModel,
     Estimate,
     Mesh,
-    NoiseByObject,
+    NoiseByGroup,
     ObservationModel,
     Prior,
     Scales,
     TrajectoryModel,
+    by_group,
     interpolate,
     meshes,
 )
 from commonlaw.likelihood.levels import scales_of
-from commonlaw.runtime.fit_options import FitOptions
+from commonlaw.runtime.fit_options import ErrorKind, FitOptions
 from commonlaw.runtime.forking import cached_property
 from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial, Trials
@@ -259,18 +260,21 @@ class SearchProblem:
 
     @property
     def scatters(self) -> Bools:
-        """Of which states the noise differs between objects, shape (d,)."""
+        """Of which states the noise differs between objects, or trials, shape (d,)."""
         ones = np.ones(len(self.noise))
-        return np.asarray(np.any([self.errors.noise_of(name, ones) != 1 for name in self.trials.objects], axis=0))
+        return np.asarray(np.any([self.errors.noise_of_trial(trial, ones) != 1 for trial in self.trials], axis=0))
 
-    def with_noise_by_object(self, residuals: NoiseByObject, scatters: Bools, reason: str) -> "SearchProblem":
-        """Return the problem with the noise of each object by residuals, of states that scatter, shape (d,)."""
+    def with_noise_by_group(
+        self, kind: ErrorKind, residuals: NoiseByGroup, scatters: Bools, reason: str
+    ) -> "SearchProblem":
+        """Return the problem with the noise of each group by residuals, of states that scatter, shape (d,)."""
         noise, factors = residuals.levels(scatters)
         is_estimated = residuals.freedom.sum(axis=0) >= 1
         floor = np.where(scatters, 0.0, noise_floor(self.trials))
         noise = np.where(is_estimated, np.maximum(noise, floor), self.noise)
-        by_object = dict(zip(self.trials.objects, factors, strict=True)) if scatters.any() else {}
-        return self.with_errors(noise, ErrorModel(by_object=by_object), reason)
+        groups, in_order = by_group(kind), self.in_order
+        errors = groups.of_factors(in_order, factors) if scatters.any() else WHITE_NOISE
+        return self.with_errors(noise, errors, reason)
 
     @property
     def unit(self) -> Floats:
@@ -296,9 +300,8 @@ class SearchProblem:
         is evaluated at the initial estimates.
         """
         states = np.concatenate([state for start in self.starts for state in start.states])[:, : len(noise)]
-        sizes = [sum(map(len, model.meshes)) for model in self.models]
-        levels = np.array([errors.noise_of(name, noise) for name in self.trials.objects])
-        std = errors.white_std(states, with_typical(self._given, np.repeat(levels, sizes, axis=0)))
+        levels = np.array([errors.noise_of_trial(trial, noise) for trial in self.in_order])
+        std = errors.white_std(states, with_typical(self._given, levels[np.concatenate(self.trial_of_points)]))
         still = np.where(self._absent, settings.MIN_NOISE * self.noise_estimate, self.noise_estimate)
         return np.where(self._still, with_typical(self._given, still), std) * self._averaging
 
@@ -319,8 +322,7 @@ class SearchProblem:
     @cached_property
     def scales(self) -> Scales:
         """The scales of levels of errors."""
-        trials, d = self.trials, len(self.noise)
-        in_order = [trial for name in trials.objects for trial in trials.of_object(name)]
+        trials, d, in_order = self.trials, len(self.noise), self.in_order
         curves = [curve[:, -d:] for group in self.smoothed for curve in group]
         rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, in_order, strict=True)]
         std = np.where(trials.schema.is_latent, noise_floor(trials), within_trial_std(trials))
@@ -361,18 +363,35 @@ class SearchProblem:
     def pure_error(self) -> tuple[Floats, Floats]:
         """The pure-error sum of squares of replicates of each state, and its degrees of freedom, each of shape (d,).
 
-        Squares are those at the noise of all objects, see `ErrorModel.noise_of`.
+        Squares are those at the noise of all objects, see `ErrorModel.noise_of_trial`.
         """
         squares, freedom = np.zeros((2, len(self.noise)))
-        for name, of_object in self.replication.items():
-            squares += of_object.squares / self.errors.noise_of(name, np.ones(len(self.noise))) ** 2
-            freedom += of_object.freedom
+        for trial, of_trial in self.replication:
+            squares += of_trial.squares / self.errors.noise_of_trial(trial, np.ones(len(self.noise))) ** 2
+            freedom += of_trial.freedom
         return squares, freedom
 
     @cached_property
-    def replication(self) -> dict[str, Replication]:
-        """Numbers of measurements of each object, and the pure error of its replicates."""
-        return replication(self.trials)
+    def replication(self) -> list[tuple[Trial, Replication]]:
+        """Trials in the order of objects, with numbers of measurements and the pure error of replicates."""
+        return replication(self.in_order)
+
+    @cached_property
+    def in_order(self) -> list[Trial]:
+        """The trials in the order of objects."""
+        return [trial for name in self.trials.objects for trial in self.trials.of_object(name)]
+
+    @cached_property
+    def trial_of_points(self) -> list[Indices]:
+        """The trial at each point of the meshes of each object, by its place among those in order, shape (points,)."""
+        result, before = list[Indices](), 0
+        for name in self.trials.objects:
+            group = self.trials.of_object(name)
+            places = [np.full((len(trial), 1), i, dtype=np.float64) for i, trial in enumerate(group, start=before)]
+            points = np.concatenate(interpolate(places, self.points))[:, 0]
+            result.append(np.rint(points).astype(np.int64))
+            before += len(group)
+        return result
 
     @cached_property
     def _given(self) -> Floats:

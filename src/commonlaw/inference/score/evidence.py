@@ -15,7 +15,7 @@ the coefficients of objects that differ in their time scale are multiples of eac
 prior probabilities, and C is that of their mixture.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from ctypes import CDLL
 from dataclasses import dataclass, replace
 
@@ -26,10 +26,10 @@ from commonlaw.formulation import explained
 from commonlaw.hierarchy import LIKELIEST_SWEEPS, WORST_CONDITION, RandomEffects, marginal_deviance, relative_variances
 from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE
 from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
-from commonlaw.likelihood import ERRORS, ErrorModel, Scales, cost_of_scatter
+from commonlaw.likelihood import ERRORS, ErrorModel, Scales, by_group, cost_of_scatter
 from commonlaw.likelihood.levels import free_levels
 from commonlaw.runtime.time_limit import check
-from commonlaw.trials.trial import Replication
+from commonlaw.trials.trial import Replication, Trial
 
 (_MIN_COLUMN,), (_RIDGE,) = CONSTANTS["MIN_COLUMN"], CONSTANTS["RIDGE"]
 
@@ -90,10 +90,10 @@ class NoisePrior:
     as so many `observations`; it is None for known noise. Both are variances of neighbouring differences: of white
     noise v, and of autocorrelated errors of standard deviation sigma and correlation time tau at sampling step h,
     they are ``v + sigma^2 tanh(h / (2 tau))``, of a Wiener process of variance c^2 a unit of time ``v + c^2 h / 4``.
-    Repeats in `objects` add their pure error. Neighbouring differences hardly see a drift. Levels above their lower
+    Repeats in `trials` add their pure error. Neighbouring differences hardly see a drift. Levels above their lower
     bounds cost log n each, and so does their time (BIC): at these bounds they stand for no such errors. Those of a
     drift cost the log of the number of trials, each of which has one offset and one slope (BIC of mixed-effects
-    models; Delattre, Lavielle and Poursat 2014), and its mean slopes log n; for those of objects see
+    models; Delattre, Lavielle and Poursat 2014), and its mean slopes log n; for those of groups see
     `cost_of_scatter`. There are n = `count` measured numbers, with a `freedom` before coefficients are fitted.
     """
 
@@ -102,7 +102,7 @@ class NoisePrior:
     measured: Bools
     estimate: Floats | None
     observations: float
-    objects: Mapping[str, Replication]
+    trials: Sequence[tuple[Trial, Replication]]
     floors: Floats
     scales: Scales
 
@@ -115,9 +115,9 @@ class NoisePrior:
         if self.estimate is None:
             return NoiseScale(self.count)
         prior, freedom, inflation = 0.0, self.freedom, self._inflation(noise, errors, relative)
-        for owner, of_object in self.objects.items():
-            prior += float(np.sum(of_object.squares / errors.noise_of(owner, noise) ** 2))
-            freedom += float(of_object.freedom.sum())
+        for trial, of_trial in self.trials:
+            prior += float(np.sum(of_trial.squares / errors.noise_of_trial(trial, noise) ** 2))
+            freedom += float(of_trial.freedom.sum())
         prior += self.observations * float(np.sum(1 / inflation))
         freedom += self.observations * len(inflation)
         least = float(np.max((self.floors / noise)[self.measured])) ** 2
@@ -126,9 +126,9 @@ class NoisePrior:
     def penalty(self, noise: Floats, errors: ErrorModel, relative: Floats) -> float:
         """Return minus twice the log prior of the noise, with the normalization of repeats about their means."""
         penalty = 0.0
-        for owner, of_object in self.objects.items():
-            levels = np.where(of_object.freedom > 0, errors.noise_of(owner, noise), 1.0)
-            penalty += 2 * float(np.sum(of_object.freedom * np.log(levels)))
+        for trial, of_trial in self.trials:
+            levels = np.where(of_trial.freedom > 0, errors.noise_of_trial(trial, noise), 1.0)
+            penalty += 2 * float(np.sum(of_trial.freedom * np.log(levels)))
         if self.estimate is not None:
             penalty += self.observations * float(np.log(self._inflation(noise, errors, relative)).sum())
         return penalty
@@ -140,11 +140,15 @@ class NoisePrior:
         numbers = np.full(len(is_free), self.scales.trials if model.is_of_trials else self.count)
         numbers[model.means(len(is_free))] = self.count
         penalty = float(np.log(np.maximum(numbers, 2)[is_free]).sum())
-        counts = np.array([of_object.counts for of_object in self.objects.values()])
-        factors = np.array([errors.noise_of(owner, np.ones(counts.shape[1])) for owner in self.objects])
-        for column, of_objects in zip(factors.T, counts.T, strict=True):
+        groups = by_group(errors.grouping).groups(trial for trial, _ in self.trials)
+        counts = np.zeros((int(groups.max()) + 1, len(self.measured)))
+        factors = np.ones(counts.shape)
+        for k, (trial, of_trial) in zip(groups, self.trials, strict=True):
+            counts[k] += of_trial.counts
+            factors[k] = errors.noise_of_trial(trial, factors[k])
+        for column, of_groups in zip(factors.T, counts.T, strict=True):
             if (scatters := column != 1).any():
-                penalty += cost_of_scatter(np.log(column[scatters]), of_objects[scatters])
+                penalty += cost_of_scatter(np.log(column[scatters]), of_groups[scatters])
         return penalty
 
     def _inflation(self, noise: Floats, errors: ErrorModel, relative: Floats) -> Floats:

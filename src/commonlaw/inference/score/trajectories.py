@@ -347,8 +347,8 @@ class TrajectoryScore:
             observations = settings.PRIOR_OBSERVATIONS if is_long or has_replicates(measured).any() else 0.0
         elif not problem.known_noise.any():
             estimate = noise
-        objects = replication(trials)
-        repeated = sum(float(of_object.freedom.sum()) for of_object in objects.values())
+        replicated = replication(trials)
+        repeated = sum(float(of_trial.freedom.sum()) for _, of_trial in replicated)
         count = sum(int(trial.counts.sum()) + int(np.isfinite(trial.below).sum()) for trial in trials)
         std = within_trial_std(trials)
         prior = NoisePrior(
@@ -357,7 +357,7 @@ class TrajectoryScore:
             np.ones(len(noise), dtype=np.bool_),
             estimate,
             observations,
-            objects,
+            replicated,
             self.noise_floor,
             scales_of(std, trials),
         )

@@ -19,7 +19,7 @@ from commonlaw.inference.fit.annealing import (
     refine_support,
     rescale_noise,
 )
-from commonlaw.inference.fit.covariance import residuals_by_object
+from commonlaw.inference.fit.covariance import residuals_by_group
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, fitted, model_error_penalty
 from commonlaw.inference.fit.lack_of_fit import OF_NOISE, UNEQUAL, Departures, departures_of_series
 from commonlaw.inference.fit.problem import SearchProblem
@@ -29,12 +29,20 @@ from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.search.strange_objects import outcomes_of_misfit
 from commonlaw.law import Step
-from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError
+from commonlaw.likelihood import (
+    ERRORS,
+    ByGroup,
+    ErrorModel,
+    Heteroscedastic,
+    LinearizedObjects,
+    NotPositiveError,
+    groupings,
+)
 from commonlaw.likelihood.levels import free_levels, least, level_bounds, level_starts
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 from commonlaw.text import counted
-from commonlaw.trials import Schema
+from commonlaw.trials import Schema, Trials
 
 MISFIT = "misfit"
 """Stage of a history: the errors that were chosen."""
@@ -70,7 +78,7 @@ def choose_errors(
 
 def kinds_for(lack_of_fit: str, schema: Schema, present: ErrorKind = "white") -> tuple[ErrorKind, ...]:
     """Return the error models that residuals are a reason for: those of the noise, and others of a lack of fit."""
-    of_noise: tuple[ErrorKind, ...] = ("proportional", "by-object")
+    of_noise: tuple[ErrorKind, ...] = ("proportional", "by-object", "by-trial")
     reasons = {"white", *(of_noise if present in ("white", *of_noise) else (present,))}
     return tuple(kind for kind in error_kinds("auto", schema) if lack_of_fit or kind in reasons)
 
@@ -94,13 +102,24 @@ def among_errors(fitted: Fitted, kinds: Sequence[ErrorKind]) -> Fitted:
     Those of noise by property are white, and those of values below limits are independent, and of one noise.
     """
     begun = fitted.begun
+    kinds = _distinct(kinds, begun.trials)
     possible = () if begun.groups else [kind for kind in kinds if ERRORS[kind].group == "measurement"]
     is_censored = begun.problem.censored.any()
-    others = [kind for kind in possible if not is_censored or (ERRORS[kind].is_independent and kind != "by-object")]
+    others = [
+        kind
+        for kind in possible
+        if not is_censored or (ERRORS[kind].is_independent and not isinstance(ERRORS[kind], ByGroup))
+    ]
     compared = [fitted, *(fitted.under(kind) for kind in others)]
     scores = [TrajectoryScore(fit).score.total for fit in compared]
     best = compared[_order([fit.begun.errors for fit in compared], scores, settings.VERY_STRONG)[0]]
     return fitted if best is fitted else limited(best)
+
+
+def _distinct(kinds: Sequence[ErrorKind], trials: Trials) -> Sequence[ErrorKind]:
+    """Return the kinds without noise by trial where it is that by object, which is among them, or there is one."""
+    is_same = "by-object" in kinds and "by-trial" not in groupings(trials)
+    return [kind for kind in kinds if not (is_same and kind == "by-trial")]
 
 
 def misfit_step_of(chosen: Fitted, white: Fitted) -> Step:
@@ -117,8 +136,9 @@ def departures_of(scored: TrajectoryScore) -> Departures:
     is_measured = optimum.noise > 1.001 * scored.noise_floor
     is_unequal = np.zeros(len(is_measured), dtype=np.bool_)
     if not problem.errors:
-        by_object = problem.noise_by_object(optimum.unknowns, optimum.noise, ~optimum.at_bound)
-        is_unequal = is_measured & (by_object.evidence > settings.VERY_STRONG) & ~problem.known_noise
+        for kind in groupings([data.trial for data in problem.trials]):
+            residuals = problem.noise_by_group(kind, optimum.unknowns, optimum.noise, ~optimum.at_bound)
+            is_unequal |= is_measured & (residuals.evidence > settings.VERY_STRONG) & ~problem.known_noise
     return {
         f"residuals of {name} are {words}": words in OF_NOISE
         for k, name in enumerate(problem.model.observables)
@@ -178,8 +198,8 @@ def with_error_models(
         is_chosen = kind != "white" or any(fit.errors != kind for fit in compared)
         fits.append(chosen.with_steps((*kept, *(before or [misfit_step(best, compared)] * is_chosen))))
         if best.has_process_noise:
-            # Noise by object would be what the law misses in each object
-            explained = [fit for fit in compared if fit.errors != "by-object" or not fit.lack_of_fit]
+            # Noise by object, or trial, would be what the law misses in each
+            explained = [fit for fit in compared if not isinstance(ERRORS[fit.errors], ByGroup) or not fit.lack_of_fit]
             groups = ([fit for fit in explained if ERRORS[fit.errors].group == group] for group in GROUPS[:2])
             deterministic += [min(of_group) for of_group in groups if of_group]
     return Pool.of(fits, pool.explored, deterministic)
@@ -221,7 +241,7 @@ def fit_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[Error
 
     Those whose levels are all none are white noise, where it is one of the kinds.
     """
-    fits, white = list[Fit](), problem.under_white_noise
+    fits, white, kinds = list[Fit](), problem.under_white_noise, _distinct(kinds, problem.trials)
     for begin in (white, problem) if problem.errors else (white,):
         solved = fit_solutions(begin, supports)
         possible = [kind for kind in kinds if begin is white or kind == problem.errors.kind]
@@ -301,8 +321,8 @@ def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:
     """
     if not fit.is_usable:
         return fit
-    if kind == "by-object":
-        return _with_noise_by_object(fit)
+    if isinstance(ERRORS[kind], ByGroup):
+        return _with_noise_by_group(fit, kind)
     grows = isinstance(ERRORS[kind], Heteroscedastic)
     fit = _with_levels(fit.problem.about(fit.estimates) if grows else fit.problem, fit, kind)
     for _ in range(1, fit.problem.errors.rounds):
@@ -311,8 +331,8 @@ def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:
     return fit.with_score(fit.score_at_estimates) if fit.is_usable and not fit.has_converged else fit
 
 
-def _with_noise_by_object(fit: Fit) -> Fit:
-    """Return the fit with the noise of each object by its residuals, of states for which the evidence is for scatter.
+def _with_noise_by_group(fit: Fit, kind: ErrorKind) -> Fit:
+    """Return the fit with the noise of each group by its residuals, of states for which the evidence is for scatter.
 
     It is the same fit if there are none.
     """
@@ -320,12 +340,12 @@ def _with_noise_by_object(fit: Fit) -> Fit:
     for _ in range(settings.ALTERNATIONS):
         if not fit.is_usable or fit.problem.noise_given:
             break
-        residuals = residuals_by_object(fit)
+        residuals = residuals_by_group(fit, kind)
         scatters = scatters if scatters.any() else residuals.evidence > 0
         if not scatters.any():
             break
         why = "maximum-marginal-likelihood estimate under this error model"
-        problem = fit.problem.with_noise_by_object(residuals, scatters, why)
+        problem = fit.problem.with_noise_by_group(kind, residuals, scatters, why)
         fit = fitted(problem, fit.estimates, fit.supports, NO_MODEL_ERROR)
     return fit.with_score(fit.score_at_estimates) if fit.is_usable and not fit.has_converged else fit
 

@@ -21,7 +21,7 @@ from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms, order_of_each
-from commonlaw.likelihood import ERRORS, WHITE_NOISE, Heteroscedastic, Prior
+from commonlaw.likelihood import ERRORS, WHITE_NOISE, ByGroup, Heteroscedastic, Prior
 from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind, FitOptions, changed_settings
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
@@ -190,15 +190,16 @@ class FitSetup:
 def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[ErrorKind, ...]:
     """Return the error models that are compared for trials of a schema.
 
-    Raises `CommonlawError` if the noise of a logarithmic state is to be heteroscedastic, or that of each object, if
-    columns have it.
+    Raises `CommonlawError` if the noise of a logarithmic state is to be heteroscedastic, or if noise that columns have
+    is to be that of each object or trial.
     """
-    if errors == "by-object" and schema.noise_columns:
-        raise CommonlawError("noise-by-object-given")
+    grouped = [kind for kind, model in ERRORS.items() if isinstance(model, ByGroup)]
+    if errors in grouped and schema.noise_columns:
+        raise CommonlawError("noise-by-group-given", errors=errors)
     grown = [kind for kind, model in ERRORS.items() if isinstance(model, Heteroscedastic)] if schema.logarithmic else []
     if errors in grown:
         raise CommonlawError("log-states-with-errors", states=schema.logarithmic)
-    refused = [*grown, *(["by-object"] if schema.noise_columns else [])]
+    refused = [*grown, *(grouped if schema.noise_columns else [])]
     return tuple(kind for kind in (ERRORS if errors == "auto" else (errors,)) if kind not in refused)
 
 

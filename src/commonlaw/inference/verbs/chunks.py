@@ -55,7 +55,8 @@ def fitted_by_parts(
     """Return the law of the objects of all parts; each part has a function that fits its trials, and can be pickled.
 
     Objects are those of `objects_apart`. Noise and other errors are root mean squares over parts, weighted by their
-    samples; under ``errors="by-object"``, or if it differs in one of them, each object keeps the noise of its part.
+    samples; under ``errors="by-object"`` or ``"by-trial"``, or if it differs in one of them, each object keeps the
+    noise of its part.
     """
     fitted = done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress)
     laws = [law for law, _ in fitted]
@@ -71,15 +72,14 @@ def fitted_by_parts(
     unknown = np.full(len(laws[0].schema.states), np.nan)
     levels = [unknown if uncertainty.noise is None else uncertainty.noise for uncertainty in known]
     noise, error_model = _root_mean_square(weights, levels), _errors(weights, [part.error_model for part in known])
-    if noise is not None and (errors == "by-object" or any(part.error_model.by_object for part in known)):
-        of_objects = [
-            (name, part.error_model.noise_of(name, level))
-            for law, part, level in zip(laws, known, levels, strict=True)
-            for name in law.objects
-        ]
-        error_model = replace(
-            error_model, by_object={name: np.nan_to_num(level / noise, nan=1.0) for name, level in of_objects}
-        )
+    is_grouped = errors in ("by-object", "by-trial") or any(part.error_model.by_object for part in known)
+    if noise is not None and is_grouped:
+        by_object, by_trial = dict[str, Floats](), dict[str, Floats]()
+        for law, part, level in zip(laws, known, levels, strict=True):
+            relative, of_part = np.nan_to_num(level / noise, nan=1.0), part.error_model
+            by_object |= {name: of_part.noise_of(name, relative) for name in law.objects}
+            by_trial |= {label: relative * factors for label, factors in of_part.by_trial.items()}
+        error_model = replace(error_model, by_object=by_object, by_trial=by_trial)
     return replace(
         laws[0],
         objects=objects,
