@@ -196,7 +196,7 @@ def test_an_object_in_other_units_is_named_with_the_factor():
     assert law.structure == ("x' = a + b x",)
     assert law.objects == ("a", "b", "c")
     (stray,) = (outcome for outcome in law.diagnostics if outcome.where == "d")
-    assert stray.code == "strange-object-coefficients"
+    assert stray.code == "strange-object-units"
     assert "1000 times" in str(stray)
 
 

@@ -1,5 +1,7 @@
 """An object that was measured in other units is noted, and scatter between objects is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,6 +25,12 @@ def cups(scales, noise=(0.5, 0.5, 0.5, 0.5), rates=(0.3, 0.5, 0.8, 0.6), seed=0)
             values = 20 + (start - 20) * np.exp(-rate * times) + level * random.standard_normal(40)
             trials.append(cl.Trial(f"c{i}", str(trial), times, scale * values[:, np.newaxis]))
     return cl.Trials(tuple(trials), Schema(("T",)))
+
+
+def with_offset(trials, offset, unit):
+    """Return the trials in this unit with an offset of the last object."""
+    shifted = [replace(trial, states=trial.states + offset * (trial.object == "c3")) for trial in trials]
+    return cl.Trials(tuple(shifted), Schema(("T",), units={"T": unit} if unit else {}))
 
 
 def noted(law):
@@ -67,3 +75,29 @@ def test_a_column_in_other_units_is_named_with_its_object_and_factor(factor, wor
 def test_objects_that_differ_are_in_one_unit(scales, noise):
     law = cl.fit("T' = a - k T", cups(scales, noise))
     assert "column-in-other-units" not in [outcome.code for outcome in law.diagnostics]
+
+
+@pytest.mark.parametrize(("offset", "unit"), [(273.15, ""), (-273.15, "K"), (273.15, "degC")])
+def test_kelvin_among_degrees_celsius_are_named(offset, unit):
+    trials = with_offset(cups((1.0,) * 4), offset, unit)
+    (found,) = [outcome for outcome in cl.fit("T' = a - k T", trials).diagnostics if outcome.kind == "units"]
+    assert (found.code, found.where) == ("column-with-offset", "c3")
+    assert f"{offset:+g}" in found.text
+
+
+@pytest.mark.parametrize(("offset", "unit"), [(40.0, ""), (230.0, ""), (400.0, "K"), (273.15, "m")])
+def test_other_offsets_are_those_of_objects(offset, unit):
+    law = cl.fit("T' = a - k T", with_offset(cups((1.0,) * 4), offset, unit))
+    assert "column-with-offset" not in [outcome.code for outcome in law.diagnostics]
+
+
+def test_a_strange_object_in_kelvin_is_named_with_its_offset():
+    times, random = np.linspace(0, 3, 60), np.random.default_rng(5)
+    curves = [25 / np.sqrt(1 + 2 * 25**2 * rate * times) for rate in (0.001, 0.0012, 0.0009, 0.0011, 0.0010)]
+    values = [curve + 0.05 * random.standard_normal(60) + 273.15 * (i == 4) for i, curve in enumerate(curves)]
+    trials = cl.Trials.from_arrays([times] * 5, values, object=list("abcde"), names=["T"])
+    law = cl.discover(trials, order=1, library="poly:3")
+    assert law.objects == ("a", "b", "c", "d")
+    (found,) = [outcome for outcome in law.diagnostics if outcome.code.startswith("strange-object")]
+    assert found.code == "strange-object-units"
+    assert "T is +273.15 apart" in found.text

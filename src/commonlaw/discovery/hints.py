@@ -216,16 +216,23 @@ _FACTORS = np.array(
 gravity in m/s^2, and radians in degrees."""
 
 
+KELVIN_OFFSET = 273.15
+"""Kelvin at zero degrees Celsius."""
+
+_TEMPERATURES = ("", "K", "kelvin", "C", "degC", "°C", "celsius", "degree_Celsius")
+
+
 def outcomes_of_units(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """Return notes on objects that differ from all others by a factor between two units.
 
-    There must be three objects. Other units multiply the values of a column and their noise alike: both have a ratio
-    near that factor, see `unit_ratio`, where the noise differs between objects. Other objects differ in either, but
-    not in both by one factor. Of the parameters of objects without such a column there is a note for each such ratio.
+    There must be three objects. Kelvin differ from degrees Celsius by an offset, see `kelvin_offset`. Other units
+    multiply the values of a column and their noise alike: both have a ratio near that factor, see `unit_ratio`, where
+    the noise differs between objects. Other objects differ in either, but not in both by one factor. Of the parameters
+    of objects without such a column there is a note for each such ratio.
     """
     if len(law.objects) < 3:
         return ()
-    of_columns = _outcomes_of_columns(law, trials)
+    of_columns = (*_outcomes_of_columns(law, trials), *_outcomes_of_offsets(trials))
     return (*of_columns, *_outcomes_of_parameters(law, [outcome.where for outcome in of_columns]))
 
 
@@ -254,6 +261,30 @@ def _outcomes_of_columns(law: Law, trials: Trials) -> tuple[Outcome, ...]:
                 note("column-in-other-units", where, column=column, ratio=ratio, factors=" or ".join(factors))
             )
     return tuple(result)
+
+
+def _outcomes_of_offsets(trials: Trials) -> Iterator[Outcome]:
+    """Yield a note for each column that is in kelvin in one object and in degrees Celsius in others, or vice versa."""
+    for j, column in enumerate(trials.schema.states):
+        groups = [np.concatenate([trial.states[:, j] for trial in trials.of_object(name)]) for name in trials.objects]
+        for o, name in enumerate(trials.objects):
+            others = np.concatenate([*groups[:o], *groups[o + 1 :]])
+            if offset := kelvin_offset(groups[o], others, trials.schema.units.get(column, "")):
+                yield note("column-with-offset", name, column=column, offset=offset)
+
+
+def kelvin_offset(values: Floats, others: Floats, unit: str) -> float:
+    """Return by how much values of an object exceed those of others in another unit of temperature, zero if not.
+
+    The values lie apart from the range of the others, which is less than half of this offset, and their median less
+    the offset lies within it. The unit of both is one of temperature, or is not known.
+    """
+    seen, others = values[np.isfinite(values)], others[np.isfinite(others)]
+    if not (len(seen) and len(others)) or unit not in _TEMPERATURES or 2 * np.ptp(others) >= KELVIN_OFFSET:
+        return 0.0
+    low, high = others.min(), others.max()
+    offset = KELVIN_OFFSET if seen.min() > high else -KELVIN_OFFSET if seen.max() < low else 0.0
+    return offset if low <= np.median(seen) - offset <= high else 0.0
 
 
 class UnitRatio(NamedTuple):

@@ -15,11 +15,11 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.diagnostics import note
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
-from commonlaw.discovery.hints import unit_ratio
+from commonlaw.discovery.hints import kelvin_offset, unit_ratio
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_solutions
-from commonlaw.inference.fit.covariance import fitted_law
+from commonlaw.inference.fit.covariance import fitted_law, residuals_by_group
 from commonlaw.inference.fit.final_score import score_of_order
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
@@ -40,6 +40,7 @@ _STAGE = "strange objects"
 
 _CODES: Mapping[Reason, str] = {
     "law": "strange-object",
+    "units": "strange-object-units",
     "errors": "strange-object-errors",
     "coefficients": "strange-object-coefficients",
 }
@@ -76,8 +77,10 @@ def _apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, 
     is_same = supports is not None and np.array_equal(supports, whole.supports)
     explained = dict[str, _Explanation]()
     for name in names:
-        explanation = _explained(find(search.of_objects([name])), others, search, is_same)
-        explained |= {name: explanation} if explanation else {}
+        alone = find(search.of_objects([name]))
+        if explanation := _explained(alone, others, search, is_same):
+            units = _in_other_units(search.trials, alone.pool.best, others)
+            explained[name] = replace(explanation, reason="units", words=units) if units else explanation
     if len(explained) < len(names):
         return _apart(candidate, [*explained], search, find) if explained else None
     excluded = len(search.strange)
@@ -137,7 +140,6 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
     words = _in_words(shared)
     if np.mean((shared.problem.noise / others.problem.noise) ** 2) > settings.MAX_REDUCED_CHI_SQUARED:
         words += f", with noise of {levels_in_words(shared.problem.noise, problem.trials.schema)}"
-        words += _in_other_units(search.trials, shared, others)
     return _Explanation("coefficients", words, follows)
 
 
@@ -155,19 +157,25 @@ def _in_words(fit: Fit) -> str:
 
 
 def _in_other_units(trials: Trials, fit: Fit, others: Fit) -> str:
-    """Return in words which columns of an object may be in other units: one factor is that of values and of noise."""
+    """Return in words which columns of an object are in other units, by an offset or one factor of values and noise."""
     names, words = [*others.problem.trials.objects, *fit.problem.trials.objects], list[str]()
+    if fit.has_process_noise:
+        fit = fit_solutions(fit.problem.under_white_noise, fit.supports)
+    residuals = residuals_by_group(others, "by-object")
+    of_others = np.log(np.maximum(residuals.squares, np.finfo(float).tiny) / np.maximum(residuals.freedom, 1.0)) / 2
     for j, column in enumerate(trials.schema.states):
         seen = [np.concatenate([trial.states[:, j] for trial in trials.of_object(name)]) for name in names]
         sizes = np.array([np.log(np.nanmean(values**2)) / 2 for values in seen])
         errors = np.array([(2 * np.isfinite(values).sum()) ** -0.5 for values in seen])
-        levels = np.log([*[others.problem.noise[j]] * (len(names) - 1), fit.problem.noise[j]])
+        levels = np.append(of_others[:, j], np.log(fit.problem.noise[j]))
+        if offset := kelvin_offset(seen[-1], np.concatenate(seen[:-1]), trials.schema.units.get(column, "")):
+            words.append(f"{column} is {offset:+g} apart, as kelvin from degrees Celsius")
         of_noise, of_values = unit_ratio(levels, errors), unit_ratio(sizes, np.zeros(len(names)))
         if of_noise and of_values and of_noise.object == of_values.object == len(names) - 1:
-            common = [factor for factor in of_values.factors if factor in of_noise.factors]
+            common = [f"{factor:.4g}" for factor in of_values.factors if factor in of_noise.factors]
             if common:
-                words.append(f"; {column} is about {common[0]:.4g} times that of others, as in another unit")
-    return "".join(words)
+                words.append(f"{column} is about {' or '.join(common)} times as large")
+    return " and ".join(words)
 
 
 def _supports_in(problem: SearchProblem, others: Fit) -> Bools | None:

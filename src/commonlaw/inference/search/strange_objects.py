@@ -29,8 +29,8 @@ from commonlaw.inference.search.pool import Pool
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.text import shown
 
-Reason = Literal["law", "errors", "coefficients"]
-"""Why an object is strange: it has another law, other kinds of errors, or coefficients or noise far from the others."""
+Reason = Literal["law", "units", "errors", "coefficients"]
+"""Why an object is strange: another law, units, or kinds of errors, or coefficients or noise far from the others."""
 
 
 @dataclass(frozen=True)
