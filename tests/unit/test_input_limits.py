@@ -15,7 +15,7 @@ import commonlaw as cl
 from commonlaw.cli.source import read_schema
 from commonlaw.runtime.files import LONGEST_LINE, MOST_LINES, MOST_ROWS, check_size, unpacked
 from commonlaw.trials.files import table_in
-from commonlaw.trials.text import is_value
+from commonlaw.trials.rows import is_value
 from tests.refusals import refused
 
 HEAD = b"t,x\n0,1\n1,2\n2,3\n"

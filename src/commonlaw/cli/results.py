@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from commonlaw.cli.options import AS_JSON, as_one, in_options, is_of_kind, saving
 from commonlaw.cli.output import Artifacts, print_frame, print_json, print_law, say
-from commonlaw.cli.source import Source, few_trials, stream_of
+from commonlaw.cli.source import Source, few_trials, layouts, print_layouts, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
 from commonlaw.law.models import model_named
@@ -195,6 +195,7 @@ class FitResult:
         from commonlaw.law.tables import MEANINGS
 
         summary = self.summary
+        print_layouts(summary.findings.training)
         say(f"{summary.counts}\n")
         print_law(summary.law, summary.parameters)
         say("\n".join(("", *summary.scores)))
@@ -244,7 +245,8 @@ class FitResult:
         """Return what else there is to know."""
         findings = self.summary.findings
         outcomes = findings.forecast.outcomes if findings.forecast else ()
-        return [*self.summary.notes, *findings.failures, *outcomes]
+        notes = [note for note in self.summary.notes if note not in layouts(findings.training)]
+        return [*notes, *findings.failures, *outcomes]
 
 
 def command_line() -> str:

@@ -40,7 +40,7 @@ from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.files import files_of, read_table, table_files
 from commonlaw.trials.headers import join_header
-from commonlaw.trials.reading import DateOrder, Restarts, WrittenReading, checked
+from commonlaw.trials.reading import READ_AS, DateOrder, Restarts, WrittenReading, checked
 from commonlaw.trials.roles import GUESSED
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
@@ -97,7 +97,7 @@ _OPTIONS = {
         "Order of day, month and year, or what 1:30 is.  [default: as the cells show]",
         type=click.Choice(get_args(DateOrder)),
     ),
-    "sheet": _table("--sheet NAME", "Sheet of a workbook."),
+    "sheet": _table("--sheet NAME", "Sheet of a workbook.  [default: all that hold measurements]"),
     "clip": _table(
         "--clip", "Cut each trial at its last irregular time step (7.5 % off the median step).", is_flag=True
     ),
@@ -149,7 +149,7 @@ def with_table(*names: str, training: bool = False, required: bool = True) -> De
     return taking(options, convert)
 
 
-WITHOUT_LAW = ("schema", "object", "trial", "time", "where")
+WITHOUT_LAW = ("schema", "object", "trial", "time", "restarts", "sheet", "where")
 """Options of commands that learn from a table."""
 
 WITH_LAW = ("schema", "where")
@@ -385,9 +385,20 @@ def _toml(value: Any) -> str:
     return f"[{', '.join(map(_toml, value))}]"
 
 
+def layouts(trials: Trials) -> list[str]:
+    """Return the line that says how the file was read, if it is no plain table."""
+    return [note for note in trials.notes if note.startswith(READ_AS)]
+
+
+def print_layouts(trials: Trials) -> None:
+    """Print how the file was read, before anything else."""
+    for line in layouts(trials):
+        say(in_line(f"{line[0].upper()}{line[1:]}"))
+
+
 def guesses(trials: Trials) -> list[str]:
-    """Return the line that says what columns were taken for, if something was guessed."""
-    return [note for note in trials.notes if note.startswith(GUESSED)]
+    """Return the lines that say how the file was read, and what columns were taken for, if something was guessed."""
+    return [*layouts(trials), *(note for note in trials.notes if note.startswith(GUESSED))]
 
 
 def _conditions(name: str, texts: Sequence[str], trials: Trials | TrialStream) -> dict[str, list[float | str]]:
@@ -507,6 +518,7 @@ def check(source: Source, order: int | None, library: str | None, save: tuple[st
     if as_json:
         print_json(report.to_dict())
         return
+    print_layouts(trials)
     say(
         f"{in_line(source.name)}: {counted(len(trials), 'trial')} of {counted(len(trials.objects), 'object')}, "
         f"measured: {in_line(', '.join(trials.schema.states))}"
@@ -523,7 +535,7 @@ def check(source: Source, order: int | None, library: str | None, save: tuple[st
     print_frame(frame, headings | {"clipped": "cut by --clip"})
     for path in save:
         say(f"Wrote {path}")
-    print_notes(trials.notes)
+    print_notes(note for note in trials.notes if note not in layouts(trials))
 
 
 @data.command(name="list")

@@ -14,7 +14,6 @@ import zipfile
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -40,11 +39,12 @@ from commonlaw.runtime.packages import optional_import
 from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.text import as_text, counted
 from commonlaw.trials import workbook_process
-from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table, stacked_column
-from commonlaw.trials.headers import check_unit, join_header, label, split_header
+from commonlaw.trials.columns import Column, Table, frame_table, stacked_column
+from commonlaw.trials.headers import check_unit, join_header
+from commonlaw.trials.layouts.sheets import Rows, table_in_sheets
 from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.recognition import TRIAL, is_called
-from commonlaw.trials.text import Layout, Row, layout_of, text_table
+from commonlaw.trials.text import text_table
 from commonlaw.trials.trial import Dose, Property, TrialData, property_names
 
 if TYPE_CHECKING:
@@ -55,15 +55,9 @@ if TYPE_CHECKING:
 _ENDINGS = frozenset([".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".xlsx", ".xls", ".ods", ".gz", ".bz2", ".xz"])
 """Of files of tables in a folder."""
 
-Rows = list[tuple[int, list[Any]]]
-"""Numbers, from the header's, and cells of rows that are not empty."""
-
 
 def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
-    """Return the table in one sheet of a workbook, or in all of them if they have the same header.
-
-    The rows of sheets stand below each other; several sheets without a column ``object`` are an object each.
-    """
+    """Return the table in one sheet of a workbook, or in all of them, see `table_in_sheets`."""
     optional_import("python_calamine", "reading workbooks", "excel")
     seconds = 30  # What reading may take
     # With -P Python does not import what lies in the working folder
@@ -88,37 +82,7 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
     chosen = {name: rows for name, rows in sheets.items() if rows and wanted in (None, name)}
     if not chosen:
         raise CommonlawError("workbook-empty", where=source, part="sheet" if wanted else "workbook")
-    layouts = dict[str, Layout]()
-    for name, rows in chosen.items():
-        # The header is among the first rows
-        first_rows = [Row(number, number, [*map(label, cells)]) for number, cells in rows[:1000]]
-        layouts[name] = layout_of(first_rows, [])
-    headers = {name: " | ".join(map(str.strip, layout.header)).rstrip(" |") for name, layout in layouts.items()}
-    titles = max((layout.header for layout in layouts.values()), key=lambda header: len("".join(header)))
-    bare = [split_header(title)[0] for title in titles]  # A row of units may be in the first sheet alone
-    for layout in layouts.values():
-        pairs = zip_longest(map(str.strip, layout.header), map(str.strip, titles), bare, fillvalue="")
-        if any(title not in names for title, *names in pairs):
-            shown = "; ".join(f"{name!r} ({header})" for name, header in headers.items())
-            raise CommonlawError("workbook-sheets", where=source, sheets=shown)
-    many, listed = len(chosen) > 1, list[tuple[str, int, list[Any]]]()
-    for name, rows in chosen.items():
-        begin = layouts[name].first_line
-        while rows and layouts[name].is_below([str(cell) for cell in rows[-1][1]]):
-            rows.pop()
-        listed += [(name, number - begin + 1, cells) for number, cells in rows if number >= begin]
-    cells = [[None if cell == "" else cell for cell in row] + [None] * (len(titles) - len(row)) for *_, row in listed]
-    made = [column_of([row[i] for row in cells]) for i in range(len(titles))]
-    columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
-    if many and "object" not in {title.strip().casefold() for title in titles}:
-        titles, columns = [*titles, "object"], [*columns, column_of([name for name, *_ in listed])[0]]
-
-    def locate(row: int) -> str:
-        name, number, _ = listed[row]
-        return f"row {number}" + f" of sheet {name!r}" * many
-
-    table = filled_table(source, titles, columns, loose=loose, locate=locate, number=lambda row: listed[row][1])
-    return replace(table, facts=tuple(dict.fromkeys(fact for layout in layouts.values() for fact in layout.facts)))
+    return table_in_sheets(source, chosen)
 
 
 TablePath = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]

@@ -14,7 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.text import counted
 from commonlaw.trials.columns import Codes, Column, Table
 from commonlaw.trials.headers import label, split_header
-from commonlaw.trials.reading import Reading
+from commonlaw.trials.reading import READ_AS, Reading
 from commonlaw.trials.recognition import SEPARATE, is_amount, is_called, readable
 from commonlaw.trials.trial import Dose
 
@@ -219,7 +219,7 @@ class _Records:
         parts += [f"{int(infusions.sum())} of these infusions"] if infusions.any() else []
         parts += [f"{counted(int(self.is_reset.sum()), 'reset')}"] if self.is_reset.any() else []
         parts += [f"{counted(unsampled, 'trial')} without a measurement left out"] if unsampled else []
-        return f"{self.table.source}: read as a NONMEM data set by {', '.join(self.items.values())}: {', '.join(parts)}"
+        return f"{READ_AS}a NONMEM data set by {', '.join(self.items.values())}: {', '.join(parts)}"
 
 
 def with_records(table: Table, reading: Reading, time: str) -> tuple[Table, Reading]:

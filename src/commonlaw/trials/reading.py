@@ -8,6 +8,9 @@ from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.trials.cells import DecimalMark, Notation
 from commonlaw.trials.trial import PropertyTable
 
+READ_AS = "read as "
+"""What the note on the layout of a file begins with."""
+
 DateOrder = Literal["dmy", "mdy", "ymd", "h:mm", "m:ss"]
 """How dates are written, and times of day."""
 

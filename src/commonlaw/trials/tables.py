@@ -30,7 +30,7 @@ from commonlaw.trials.dates import (
 from commonlaw.trials.headers import joined_units, known_unit, label, split_header
 from commonlaw.trials.nonmem import doses_of, with_records
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
-from commonlaw.trials.reading import Reading, Restarts, WrittenReading, checked, notation_of
+from commonlaw.trials.reading import READ_AS, Reading, Restarts, WrittenReading, checked, notation_of
 from commonlaw.trials.recognition import (
     CONSTANT_IN_TRIALS,
     OBJECT,
@@ -96,7 +96,7 @@ def _times_across(table: Table, wide: bool | str | None) -> Table | None:
     }
     long = _stacked(table, times, others, more)
     note = (
-        f"{table.source}: the columns {times[0]} to {times[-1]} are times, and each row is an object, named by {name}: "
+        f"{READ_AS}a table with times across, {times[0]} to {times[-1]}, and an object in each row, named by {name}: "
         f"{state} is what was measured"
     )
     roles: WrittenReading = {**table.roles, "object": name, "time": "time", "states": [state]}
@@ -136,7 +136,7 @@ def _runs_across(table: Table) -> Table | None:
         units={name: unit for name, of in units.items() if (unit := next(iter(of)))},
         loose=frozenset(name for name in names if {run[name] for run in runs.values()} & table.loose),
         roles={**table.roles, "object": "object"},
-        notes=(*table.notes, f"{table.source}: the columns are of {shown_runs}, each of an object"),
+        notes=(*table.notes, f"{READ_AS}columns of {shown_runs}, each an object with its times"),
     )
     return long.taken(np.flatnonzero(np.any([long.codes(name) >= 0 for name in names], axis=0)))
 

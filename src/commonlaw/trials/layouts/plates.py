@@ -1,0 +1,247 @@
+"""Plates with wells, as readers of microplates write them: wells down and times across, or times down and wells across.
+
+Above the first block stands what the instrument was set to, and above each its title. A block is one quantity, such as
+an absorbance or a fluorescence, in the same wells.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from commonlaw.errors import CommonlawError
+from commonlaw.text import counted
+from commonlaw.trials.columns import Table
+from commonlaw.trials.dates import elapsed_in_names
+from commonlaw.trials.headers import join_header, split_header
+from commonlaw.trials.layouts.grid import SORTED, Grid, Sample, is_time_header, merged, table_of
+from commonlaw.trials.reading import READ_AS, WrittenReading
+from commonlaw.trials.rows import Row, is_value
+
+_WELL = re.compile(r"[A-P]0?(?:[1-9]|1\d|2[0-4])")
+"""Of a plate of up to 384 wells."""
+_CLOCK = re.compile(r"(?:\d+ days?,? ?)?\d{1,4}:\d\d(?::\d\d(?:[.,]\d+)?)?")
+_IN_WORDS = re.compile(r"(\d+) ?h (\d+) ?min(?: (\d+) ?s)?")
+"""0 h 10 min."""
+_DEGREES = re.compile(r"-?\d+(?:[.,]\d+)? ?°[CF]")
+_MIN_TIMES = 3
+_MAX_GAP = 2
+"""Blank rows between a title and its block."""
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Wells across and times down, of a block with times across the rows as columns.
+
+    Parameters
+    ----------
+    columns
+        The cells below each header. Above the first time may stand conditions of the wells, with a name for a time.
+    time
+        The header of the times.
+    rows
+        The rows of the file, from the title on.
+    places
+        Where the cells of each time stand, for messages, and the numbers of these rows or columns.
+    is_table
+        Whether these are a table as it stands: times down, or headers that are times.
+    """
+
+    title: str
+    columns: dict[str, list[object]]
+    time: str
+    rows: Sequence[Row]
+    places: Sequence[tuple[str, int]]
+    is_table: bool
+
+    @property
+    def wells(self) -> list[str]:
+        """The headers that are names of wells."""
+        return [name for name in self.columns if _WELL.fullmatch(name)]
+
+    @property
+    def first(self) -> int:
+        """The index of the first time."""
+        return next(i for i, cell in enumerate(self.columns[self.time]) if is_value(_text(cell)))
+
+    def complete(self) -> "_Block":
+        """Return the block without the times at which no well has a cell, as after a run that was stopped."""
+        wells = [self.columns[name] for name in self.wells]
+        kept = [i for i in range(len(self.places)) if any(_text(cells[i]) for cells in wells)]
+        columns = {name: [cells[i] for i in kept] for name, cells in self.columns.items()}
+        return replace(self, columns=columns, places=[self.places[i] for i in kept])
+
+    def in_words(self) -> str:
+        """Return the size, with the unit of the times."""
+        times = [*map(_text, self.columns[self.time][self.first :])]
+        unit = split_header(self.time)[1] or elapsed_in_names(times)[0] or ("s" if ":" in times[0] else "")
+        return f"{counted(len(self.wells), 'well')}, {counted(len(times), 'time')}{f' in {unit}' if unit else ''}"
+
+
+def plates(grid: Grid) -> Table | None:
+    """Return the table of the plates in a grid, None if it has no wells with times, or is a table as it stands.
+
+    One block becomes a wide table, with a column for each well; of several each is a column of a long one.
+    """
+    blocks = [block.complete() for block in _blocks(grid)]
+    facts = grid.left_out([row for block in blocks for row in block.rows])
+    if not blocks or (len(blocks) == 1 and blocks[0].is_table and not facts):
+        return None
+    if len(blocks) > 1:
+        return _long(grid, blocks, facts)
+    (block,) = blocks
+    places, title = block.places, f", {block.title}" if block.title else ""
+    table = table_of(grid.source, block.columns, lambda row: places[row][0], lambda row: places[row][1])
+    roles: WrittenReading = {"wide": True, "states": block.wells}
+    return replace(table, facts=facts, roles=roles, notes=(f"{READ_AS}a plate: {block.in_words()}{title}",))
+
+
+def _text(cell: object) -> str:
+    return "" if cell is None else str(cell).strip()
+
+
+def _blocks(grid: Grid) -> list[_Block]:
+    """Return the blocks in the order of their rows."""
+    rows, result, i, end = grid.rows, list[_Block](), 0, 0
+    while i < len(rows):
+        cells = [] if not rows[i].cells or rows[i].cells[0][:1].isdigit() else [*map(str.strip, rows[i].cells)]
+        block = None
+        if cells and _WELL.fullmatch(cells[0]) and sum(map(is_value, cells[1:])) >= _MIN_TIMES:
+            block = _wells_down(grid, end, i)
+        elif sum(_WELL.fullmatch(cell) is not None for cell in cells) > 1:
+            block = _wells_across(grid, end, i)
+        if block is not None:
+            result.append(block)
+            i = end = rows.index(block.rows[-1]) + 1
+        else:
+            i += 1
+    return result
+
+
+def _wells_down(grid: Grid, begin: int, first: int) -> _Block | None:
+    """Return the block whose first well is in a row, None if no times stand above it, from the row `begin` on."""
+    rows = grid.rows
+    last = first
+    while last + 1 < len(rows) and rows[last + 1].cells and _WELL.fullmatch(rows[last + 1].cells[0].strip()):
+        last += 1
+    top = first
+    while top > begin and not rows[top - 1].is_blank:
+        top -= 1
+    times = next((i for i in reversed(range(top, first)) if _holds_times(rows[i], i == first - 1)), None)
+    if times is None or _WELL.fullmatch(head := rows[times].cells[0].strip()):
+        return None
+    while top < times and sum(map(is_value, rows[top].cells[1:])) < _MIN_TIMES:
+        top += 1
+    used = [row for row in rows[top : last + 1] if row is rows[times] or sum(map(is_value, row.cells[1:]))]
+    width, columns = max(len(row.cells) for row in used), dict[str, list[object]]()
+    for row in used:
+        cells = [row.value(j) for j in range(1, width)]
+        name = row.cells[0].strip()
+        if row is rows[times]:
+            cells = [_IN_WORDS.sub(_as_clock, cell) if isinstance(cell, str) else cell for cell in cells]
+            name = time = name if is_time_header(name) else "time"
+        elif not name:
+            is_temperature = all(_DEGREES.fullmatch(text) for text in map(_text, cells) if text)
+            name = "temperature" if is_temperature else f"{grid.line} {row.line}"
+        if name in columns:
+            raise CommonlawError("plate-row-twice", where=grid.source, name=name, place=f"{grid.line} {row.line}")
+        columns[name] = cells
+    title, above = _title(grid, begin, top)
+    places = [(f"column {j + 1}", j + 1) for j in range(1, width)]
+    is_table = times == first - 1 and bool(head) and time == "time" and not _CLOCK.fullmatch(_text(columns[time][-1]))
+    return _Block(title, columns, time, rows[above : last + 1], places, is_table)
+
+
+def _wells_across(grid: Grid, begin: int, head: int) -> _Block | None:
+    """Return the block below a row with the names of wells, None if it has no column of times ahead of them."""
+    rows, names = grid.rows, [*map(str.strip, grid.rows[head].cells)]
+    first = next(j for j, name in enumerate(names) if _WELL.fullmatch(name))
+    time = next((j for j, name in enumerate(names[:first]) if is_time_header(name)), None)
+    if time is None:
+        return None
+    last = head
+    while last + 1 < len(rows) and is_value(_text(rows[last + 1].value(time))):
+        last += 1
+    used = [j for j, name in enumerate(names) if name]
+    if last == head or len({names[j] for j in used}) < len(used):
+        return None
+    columns = {names[j]: [row.value(j) for row in rows[head + 1 : last + 1]] for j in used}
+    title, above = _title(grid, begin, head)
+    places = [(f"{grid.line} {row.line}", row.line) for row in rows[head + 1 : last + 1]]
+    return _Block(title, columns, names[time], rows[above : last + 1], places, is_table=True)
+
+
+def _holds_times(row: Row, is_above_wells: bool) -> bool:
+    """Say whether the cells of a row are times: with a unit, as on a clock, or below a name or a unit of time.
+
+    Directly above wells these may also be any numbers that increase, but not those of cycles: 1, 2, 3.
+    """
+    cells = [cell.strip() for cell in row.cells[1:]]
+    elapsed = elapsed_in_names(cells)[1]
+    cells = [cell for cell in cells if is_value(cell) or cell in elapsed]
+    if len(cells) < _MIN_TIMES:
+        return False
+    if is_time_header(row.cells[0].strip()):
+        return True
+    timed = sum(bool(_CLOCK.fullmatch(cell) or _IN_WORDS.fullmatch(cell)) for cell in cells)
+    if max(timed, len(elapsed)) >= len({*cells}):
+        return True
+    try:
+        numbers = [float(cell.replace(",", ".")) for cell in cells]
+    except ValueError:
+        return False
+    steps = [there - here for here, there in pairwise(numbers)]
+    return is_above_wells and min(steps) > 0 and not (numbers[0] in (0, 1) and {*steps} == {1.0})
+
+
+def _as_clock(match: re.Match[str]) -> str:
+    return f"{match[1]}:{int(match[2]):02d}:{int(match[3] or 0):02d}"
+
+
+def _title(grid: Grid, begin: int, top: int) -> tuple[str, int]:
+    """Return the only cell of the last row above a block, and the index of this row; no title and the block's."""
+    above = top - 1
+    while above >= begin and grid.rows[above].is_blank and top - above <= _MAX_GAP:
+        above -= 1
+    if above < begin or sum(bool(cell.strip()) for cell in grid.rows[above].cells) != 1:
+        return "", top
+    return grid.rows[above].text, above
+
+
+def _long(grid: Grid, blocks: Sequence[_Block], facts: Sequence[str]) -> Table:
+    """Return the table with a row for each well and time, and a column for each title."""
+    names = [re.sub(r"\W+", "_", block.title).strip("_") or "value" for block in blocks]
+    by_well = dict[str, dict[str, _Block]]()
+    titles, times = [block.title or "no title" for block in blocks], [block.time for block in blocks]
+    for name, block in zip(names, blocks, strict=True):
+        for well in block.wells:
+            if name in by_well.setdefault(well, {}) or block.time != times[0]:
+                raise CommonlawError("plate-blocks", where=grid.source, titles=titles, times=times)
+            by_well[well][name] = block
+    counts, samples = Counter(header for block in blocks for header in block.columns), list[Sample]()
+    for well, of_well in by_well.items():
+        for i in range(max(len(block.places) for block in of_well.values())):
+            for name, block in of_well.items():
+                if block.first <= i < len(block.places):
+                    samples.append(_sample(well, name, block, i, counts))
+    roles: WrittenReading = {"object": "well", "time": split_header(times[0])[0], "states": [*dict.fromkeys(names)]}
+    shown = "; ".join(f"{block.title}: {block.in_words()}" for block in blocks)
+    note = f"{READ_AS}a plate of {counted(len(by_well), 'well')} in {counted(len(blocks), 'block')}: {shown}"
+    return replace(merged(grid.source, samples), facts=tuple(facts), roles=roles | SORTED, notes=(note,))
+
+
+def _sample(well: str, name: str, block: _Block, i: int, counts: Mapping[str, int]) -> Sample:
+    """Return what a block has of a well at one of its times, and the conditions of the well, by their headers.
+
+    Other columns that several blocks have, as `counts` says, have the name of the block behind theirs.
+    """
+    columns, (place, number) = block.columns, block.places[i]
+    cells = {"well": well, block.time: columns[block.time][i]}
+    cells |= {_text(columns[block.time][j]): columns[well][j] for j in range(block.first)}
+    for header in columns:
+        if header not in (block.time, *block.wells):
+            title, unit = split_header(header)
+            cells[join_header(f"{title} {name}", unit) if counts[header] > 1 else header] = columns[header][i]
+    cells[name] = columns[well][i]
+    return Sample((well, _text(cells[block.time])), cells, f"{place}, well {well}", number)
