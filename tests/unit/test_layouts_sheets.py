@@ -62,3 +62,17 @@ def test_sheets_that_may_be_objects_or_quantities_are_refused_with_the_option_th
     with refused("workbook-sheets"):
         Trials.read(workbook(tmp_path / "a.xlsx", sheets))
     assert Trials.read(tmp_path / "a.xlsx", sheet="second").schema.states == ("b",)
+
+
+def test_sheets_are_trials_by_their_names_or_as_is_said(tmp_path):
+    values = {"golf 1": [1, 2, 3, 4], "golf 2": [1, 3, 5, 7], "tennis 1": [0, 1, 4, 9]}
+    path = workbook(tmp_path / "a.xlsx", {name: sheet("x (m)", column) for name, column in values.items()})
+    assert [trial.label for trial in Trials.read(path)] == ["golf, trial 1", "golf, trial 2", "tennis, trial 1"]
+    path = workbook(
+        tmp_path / "b.xlsx", {"Sheet1": sheet("x (m)", [1, 2, 3, 4]), "Sheet2": sheet("x (m)", [1, 3, 5, 7])}
+    )
+    assert Trials.read(path).objects == ("Sheet1", "Sheet2")
+    assert [trial.label for trial in Trials.read(path, object="", trial="object")] == [
+        "b, trial Sheet1",
+        "b, trial Sheet2",
+    ]

@@ -393,7 +393,7 @@ def layouts(trials: Trials) -> list[str]:
 def print_layouts(trials: Trials) -> None:
     """Print how the file was read, before anything else."""
     for line in layouts(trials):
-        say(in_line(f"{line[0].upper()}{line[1:]}"))
+        say(in_line(in_options(f"{line[0].upper()}{line[1:]}")))
 
 
 def guesses(trials: Trials) -> list[str]:

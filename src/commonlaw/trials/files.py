@@ -41,9 +41,9 @@ from commonlaw.text import as_text, counted
 from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Column, Table, frame_table, stacked_column
 from commonlaw.trials.headers import check_unit, join_header
+from commonlaw.trials.layouts.grid import labels_of
 from commonlaw.trials.layouts.sheets import Rows, table_in_sheets
 from commonlaw.trials.reading import WrittenReading
-from commonlaw.trials.recognition import TRIAL, is_called
 from commonlaw.trials.text import text_table
 from commonlaw.trials.trial import Dose, Property, TrialData, property_names
 
@@ -178,12 +178,7 @@ def _labels_of_files(files: Sequence[Path]) -> dict[str, list[str]]:
     folders = [file.parent.name for file in files]
     if len(set(folders)) > 1:
         return {"object": folders, "trial": names}
-    numbered = [re.fullmatch(r"(.+?)[\s_.-]+(\d+)", name) for name in names]
-    if all(numbered):
-        stems, labels = zip(*(match.groups() for match in numbered if match), strict=True)
-        if 1 < len(set(stems)) < len(names) or (len(set(stems)) == 1 and is_called(stems[0], TRIAL)):
-            return {"object": list(stems), "trial": list(labels)}
-    return {"object": names}
+    return labels_of(names)
 
 
 def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:

@@ -557,7 +557,7 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
             raise CommonlawError(
                 "noise-column-unit", where=table.source, column=name, unit=unit, state=state, state_unit=state_unit
             )
-    labels_in = columns.object or "object", columns.trial or "trial"
+    labels_in = columns.object or ("name" if columns.trial == "object" else "object"), columns.trial or "trial"
     schema = Schema(columns.states, columns.inputs, *labels_in, columns.time, units, columns.noise_columns)
     schema = replace(schema, calendar=table.calendar, administered=table.administered)
     located = replace(

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 
 from commonlaw.trials.columns import Table
+from commonlaw.trials.layouts.blocks import blocks
 from commonlaw.trials.layouts.grid import Grid
 from commonlaw.trials.layouts.plates import plates
 
-OF_CELLS: Sequence[Callable[[Grid], Table | None]] = (plates,)
+OF_CELLS: Sequence[Callable[[Grid], Table | None]] = (plates, blocks)
 
 
 def table_in_cells(grid: Grid) -> Table | None:

@@ -9,7 +9,7 @@ from commonlaw.text import shown
 from commonlaw.trials.columns import Column, Table, column_of, filled_table
 from commonlaw.trials.headers import known_unit, split_header
 from commonlaw.trials.reading import WrittenReading
-from commonlaw.trials.recognition import TIME, is_called
+from commonlaw.trials.recognition import TIME, TRIAL, is_called
 from commonlaw.trials.rows import Row
 
 _PLAIN = re.compile(r"[+-]?(?:0|[1-9]\d*|(?=\.\d))(?:\.\d*)?(?:[eE][+-]?\d+)?", re.ASCII)
@@ -74,6 +74,22 @@ def merged(source: str, samples: Iterable[Sample]) -> Table:
     headers = dict.fromkeys(header for row in rows.values() for header in row)
     columns = {header: [row.get(header, "") for row in rows.values()] for header in headers}
     return table_of(source, columns, lambda row: first[row].place, lambda row: first[row].number)
+
+
+def labels_of(names: Sequence[str]) -> dict[str, list[str]]:
+    """Return the objects that files or blocks of these names are of, and labels of trials where several are of one.
+
+    >>> labels_of(["golf_1", "golf_2", "tennis_1"])
+    {'object': ['golf', 'golf', 'tennis'], 'trial': ['1', '2', '1']}
+    >>> labels_of(["run 1", "run 2"]), labels_of(["cup 1", "cup 2"])
+    ({'object': ['run', 'run'], 'trial': ['1', '2']}, {'object': ['cup 1', 'cup 2']})
+    """
+    numbered = [re.fullmatch(r"(.+?)[\s_.-]+(\d+)", name) for name in names]
+    if all(numbered):
+        stems, labels = zip(*(match.groups() for match in numbered if match), strict=True)
+        if 1 < len(set(stems)) < len(names) or (len(set(stems)) == 1 and is_called(stems[0], TRIAL)):
+            return {"object": list(stems), "trial": list(labels)}
+    return {"object": list(names)}
 
 
 def is_time_header(header: str) -> bool:

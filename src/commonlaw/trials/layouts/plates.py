@@ -105,11 +105,13 @@ def _blocks(grid: Grid) -> list[_Block]:
     """Return the blocks in the order of their rows."""
     rows, result, i, end = grid.rows, list[_Block](), 0, 0
     while i < len(rows):
-        cells = [] if not rows[i].cells or rows[i].cells[0][:1].isdigit() else [*map(str.strip, rows[i].cells)]
-        block = None
-        if cells and _WELL.fullmatch(cells[0]) and sum(map(is_value, cells[1:])) >= _MIN_TIMES:
+        cells, block = rows[i].cells, None
+        wells = [
+            j for j, cell in enumerate(cells) if len(cell) < 5 and cell[:1].isalpha() and _WELL.fullmatch(cell.strip())
+        ]
+        if wells[:1] == [0] and sum(map(is_value, cells[1:])) >= _MIN_TIMES:
             block = _wells_down(grid, end, i)
-        elif sum(_WELL.fullmatch(cell) is not None for cell in cells) > 1:
+        elif len(wells) > 1:
             block = _wells_across(grid, end, i)
         if block is not None:
             result.append(block)

@@ -11,7 +11,7 @@ from commonlaw.text import counted
 from commonlaw.trials.columns import Table, column_of, filled_table
 from commonlaw.trials.headers import label, split_header
 from commonlaw.trials.layouts.cells import table_in_cells
-from commonlaw.trials.layouts.grid import SORTED, Grid, Sample, is_time_header, merged
+from commonlaw.trials.layouts.grid import SORTED, Grid, Sample, is_time_header, labels_of, merged
 from commonlaw.trials.reading import READ_AS
 from commonlaw.trials.rows import Layout, Row, is_value, layout_of
 
@@ -24,8 +24,9 @@ _REMARKS = "Metadata"
 def table_in_sheets(source: str, sheets: Mapping[str, Rows]) -> Table:
     """Return the table in sheets, none of which is empty.
 
-    Sheets of the same header are an object each, unless there is a column ``object``; those that have only the header
-    of their times in common are quantities of one object. Those without times are left out where others have them.
+    Sheets of the same header are an object or, by their names, a trial each, unless there is a column ``object``; those
+    that have only the header of their times in common are quantities of one object. Those without times are left out
+    where others have them.
     """
     in_cells = {name: table for name, rows in sheets.items() if (table := _table_in_cells(source, rows)) is not None}
     layouts = {name: _layout(rows) for name, rows in sheets.items()}
@@ -98,10 +99,13 @@ def _of_objects(source: str, sheets: Mapping[str, Rows], layouts: Mapping[str, L
     cells = [[None if cell == "" else cell for cell in row] + [None] * (len(titles) - len(row)) for *_, row in listed]
     made = [column_of([row[i] for row in cells]) for i in range(len(titles))]
     columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
-    notes = tuple[str, ...]()
+    notes, labels = tuple[str, ...](), dict[str, dict[str, str]]()
     if many and "object" not in {title.strip().casefold() for title in titles}:
-        titles, columns = [*titles, "object"], [*columns, column_of([name for name, *_ in listed])[0]]
-        notes = (f"{READ_AS}{len(sheets)} sheets of the same header, each an object named by its sheet",)
+        labels = {role: dict(zip(sheets, names, strict=True)) for role, names in labels_of([*sheets]).items()}
+        what = "a trial" if "trial" in labels else "an object"
+        notes = (f"{READ_AS}{len(sheets)} sheets of the same header, each {what} named by its sheet",)
+    titles = [*titles, *labels]
+    columns += [column_of([names[name] for name, *_ in listed])[0] for names in labels.values()]
 
     def locate(row: int) -> str:
         name, number, _ = listed[row]
