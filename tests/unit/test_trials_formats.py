@@ -332,6 +332,9 @@ def test_numbers_of_replicates_go_behind_their_groups_in_the_row_above(tmp_path)
     sheet += [[*map(float, row.split(","))] for row in rows]
     assert Trials.read(workbook(tmp_path / "od.xlsx", {"A": sheet})).objects == trials.objects
     path.write_text(path.read_text().replace("1,2,1,2", "S,P,S,P"))  # Quantities are not to become objects
+    trials = Trials.read(path)
+    assert (trials.objects, trials.schema.states) == (("Control", "Treated"), ("S", "P"))
+    path.write_text(path.read_text().partition("\n")[2])
     with refused("header-twice"):
         Trials.read(path)
 

@@ -14,7 +14,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.dates import holds_dates, is_clock, is_time
-from commonlaw.trials.headers import known_unit
+from commonlaw.trials.headers import known_unit, split_header
 
 
 def vocabulary(text: str) -> frozenset[str]:
@@ -89,6 +89,19 @@ def words(name: str) -> list[str]:
 def is_called(name: str, kind: frozenset[str]) -> bool:
     """Say whether a word of a name is among those of a kind."""
     return not kind.isdisjoint(words(name))
+
+
+def is_time_header(header: str) -> bool:
+    """Say whether a header is that of times: it has a unit of time; or none, and a word for a time, or is ``t``.
+
+    >>> is_time_header("t"), is_time_header("Elapsed [s]"), is_time_header("T [°C]")
+    (True, True, False)
+    """
+    name, unit = split_header(header)
+    if unit:
+        known = known_unit(unit)
+        return known is not None and dict(known.dimensionality) == _OF_TIME
+    return name.casefold() == "t" or is_called(name, TIME)
 
 
 def readable(table: Table, name: str) -> Floats:

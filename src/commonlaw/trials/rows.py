@@ -9,7 +9,8 @@ from itertools import accumulate, islice, pairwise, zip_longest
 from commonlaw.text import shown
 from commonlaw.trials.cells import is_missing
 from commonlaw.trials.dates import elapsed_in_names
-from commonlaw.trials.headers import known_unit, split_header
+from commonlaw.trials.headers import join_header, known_unit, split_header
+from commonlaw.trials.recognition import is_time_header
 
 _BEYOND = "[<>~\N{LESS-THAN OR EQUAL TO}\N{GREATER-THAN OR EQUAL TO}]? ?"
 _NUMBER = rf"{_BEYOND}[+\-\N{{MINUS SIGN}}]?(\d[\d.,' \N{{NO-BREAK SPACE}}]*+|[.,]\d+)([eE][+-]?\d+)?"
@@ -115,9 +116,9 @@ def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
         top -= 1
     bottom = top
     while top and not rows[top - 1].is_blank:
-        cells = len(rows[top - 1].cells)
-        if cells > width or not all(is_empty[cells:]):  # A header has a cell for each column in which anything stands
-            break
+        cells = rows[top - 1].cells
+        if any(map(str.strip, cells[width:])) or not all(is_empty[len(cells) :]):
+            break  # A header has a cell for each column in which anything stands
         top -= 1
     block = rows[top:bottom]
     if not block:
@@ -127,7 +128,7 @@ def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
     words = [i for i in candidates if not any(map(is_value, block[i].cells[1:] if width > 2 else block[i].cells))]
     named = [i for i in words if not (i and are_units(block[i].cells))] or candidates
     chosen = named[-1] if width == 2 else named[0]
-    header = [*block[chosen].cells, *[""] * (width - len(block[chosen].cells))]
+    header = [*block[chosen].cells[:width], *[""] * (width - len(block[chosen].cells))]
     groups = _with_groups(header, block[chosen - 1].cells) if chosen else header
     facts = _above(rows[: top + chosen - (groups != header)])
     header = groups
@@ -135,17 +136,36 @@ def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
     if units:
         header = headers_with_units(header, units)
         facts.append(f"line {block[chosen + 1].line} holds units")
-    return Layout(header, block[chosen + bool(units)].line + 1, key, facts)
+    return Layout(_with_numbered_times(header), block[chosen + bool(units)].line + 1, key, facts)
 
 
 def _with_groups(header: Sequence[str], above: Sequence[str]) -> list[str]:
-    """Return numbers of replicates behind the names of their groups, each written above the first of its columns."""
+    """Return headers with the names of their groups, each written above the first of its columns.
+
+    Numbers of replicates stand behind them, and quantities that are the same in several groups behind a colon.
+    """
     groups: Iterator[str] = accumulate(map(str.strip, above), lambda group, cell: cell or group)
     named = [*zip_longest(map(str.strip, header), islice(groups, len(header)), fillvalue="")]
-    titles = [f"{group} {name}" if group and name.isdigit() else name for name, group in named]
-    counts = Counter(name for name, _ in named)
-    is_grouped = any(count > 1 for count in counts.values()) and len({*titles}) == len(titles)
+    counts = Counter(name for name, _ in named if name)
+    titles = [
+        f"{group} {name}" if group and name.isdigit() else f"{group}: {name}" if group and counts[name] > 1 else name
+        for name, group in named
+    ]
+    is_grouped = any(count > 1 for count in counts.values()) and len({*titles} - {""}) == sum(map(bool, titles))
     return titles if is_grouped else [*header]
+
+
+def _with_numbered_times(header: Sequence[str]) -> list[str]:
+    """Return headers with numbers behind the first one if it is a time again and again, and all others differ."""
+    others = [title for title in header if title != header[0]]
+    if len(others) in (0, len(header) - 1) or len({*others}) < len(others) or not is_time_header(header[0]):
+        return [*header]
+    name, unit = split_header(header[0])
+    numbers = accumulate(int(title == header[0]) for title in header)
+    return [
+        join_header(f"{name} {number}", unit) if title == header[0] else title
+        for number, title in zip(numbers, header, strict=True)
+    ]
 
 
 def _holds_values(column: Sequence[str]) -> bool:

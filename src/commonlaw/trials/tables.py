@@ -2,12 +2,10 @@
 
 import itertools
 import os
-import re
 from collections import Counter
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
@@ -17,27 +15,22 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic, is_note, note
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted, shown
-from commonlaw.trials.columns import Codes, Column, Table, column_of, stacked_column, with_numbers, with_unit
+from commonlaw.trials.columns import Codes, Table, column_of, with_numbers, with_unit
 from commonlaw.trials.dates import (
     Elapsed,
     elapsed,
-    elapsed_in_names,
     first_time,
-    holds_dates,
     with_dates_as_times,
-    years_of,
 )
 from commonlaw.trials.headers import joined_units, known_unit, label, split_header
+from commonlaw.trials.layouts.columns import table_in_columns
+from commonlaw.trials.layouts.stacking import quantified, stacked
 from commonlaw.trials.nonmem import doses_of, with_records
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
-from commonlaw.trials.reading import READ_AS, Reading, Restarts, WrittenReading, checked, notation_of
+from commonlaw.trials.reading import Reading, Restarts, checked, notation_of
 from commonlaw.trials.recognition import (
     CONSTANT_IN_TRIALS,
-    OBJECT,
-    TIME,
-    TRIAL,
     input_values,
-    is_called,
     is_covariate,
     readable,
     runs_of_labels,
@@ -48,117 +41,6 @@ from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time
 from commonlaw.trials.trial import EXTREME, PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 from commonlaw.trials.units import in_radians
 from commonlaw.trials.wide import quantity, shown_columns
-
-
-def _stacked(table: Table, names: Sequence[str], repeated: Iterable[str], more: Mapping[str, Column]) -> Table:
-    """Return a table with a row for each cell of some columns, one column below the other.
-
-    It has the `repeated` columns, and `more` of as many rows.
-    """
-    rows = np.tile(np.arange(len(table)), len(names))
-    columns = {**{name: table.columns[name][rows] for name in repeated}, **more}
-    return replace(
-        table,
-        columns=columns,
-        units={name: unit for name, unit in table.units.items() if name in columns},
-        loose=table.loose & columns.keys(),
-        locate=lambda row: f"{table.locate(int(rows[row]))}, column {names[row // len(table)]!r}",
-        number=lambda row: table.number(int(rows[row])),
-        rows=table.rows[rows],
-        parsed={},
-        meant={},
-        plain=table.plain & {*repeated} - more.keys(),
-    )
-
-
-def _times_across(table: Table, wide: bool | str | None) -> Table | None:
-    """Return a table whose columns are times as one with a row for each cell; None if they are not."""
-    dates = [name for name in table.columns if holds_dates(np.array([name], dtype=object))]
-    unit, numbers = ("year", years_of(table.columns)) if len(dates) < 3 else ("", {})
-    if len(dates) < 3 and len(numbers) < 3:
-        unit, numbers = elapsed_in_names(table.columns)
-    times = list(numbers) if len(dates) < 3 else dates
-    others = [name for name in table.columns if name not in set(times)]
-    if len(times) < max(3, len(others)) or not all(map(table.is_numeric, times)):
-        return None
-    words = [name for name in others if not table.is_numeric(name) or is_called(name, OBJECT)]
-    if numbers and not (words and all(here < there for here, there in pairwise(numbers.values()))):
-        return None
-    if numbers and unit != "year" and any(is_called(name, TIME) for name in others):
-        return None
-    name, labels = _objects(table, words)
-    state, count = quantity((), wide), len(table)
-    stamps = np.array([numbers.get(time, time) for time in times], dtype=np.float64 if numbers else object)
-    more = {
-        name: np.tile(labels, len(times)),
-        "time": np.repeat(stamps, count),
-        state: np.concatenate([_quantified(table, time) for time in times]),
-    }
-    long = _stacked(table, times, others, more)
-    note = (
-        f"{READ_AS}a table with times across, {times[0]} to {times[-1]}, and an object in each row, named by {name}: "
-        f"{state} is what was measured"
-    )
-    roles: WrittenReading = {**table.roles, "object": name, "time": "time", "states": [state]}
-    units = {**long.units, "time": unit} if numbers else long.units
-    return replace(long, units=units, roles=roles, notes=(*table.notes, note))
-
-
-_RUN = re.compile(rf"(.+?)(((?<![^\W_])({'|'.join(sorted(TRIAL))})\s*)?#?\d{{1,4}})", re.IGNORECASE)
-"""A name and its run: ``Time (s) Run #1``, ``time_1``."""
-
-
-def _runs_across(table: Table) -> Table | None:
-    """Return a table that has a column of times for each run as one with the runs below each other; None if not so.
-
-    All columns are of a run, ``Run 1: Time`` or ``time_1``, each run has the same, and one of them is a time.
-    """
-    runs, units = dict[str, dict[str, str]](), dict[str, set[str]]()
-    for column in table.columns:
-        run, _, quantity_of_run = column.partition(":")
-        if not quantity_of_run and (match := _RUN.fullmatch(column)):
-            quantity_of_run, run = match[1], match[2]
-        name, unit = split_header(quantity_of_run.strip(" _,-"))
-        runs.setdefault(run.strip(), {})[name] = column
-        units.setdefault(name, set()).add(table.units.get(column, unit))
-    names = [*units]
-    times = [name for name in names if name == "t" or is_called(name, TIME)]
-    complete = len(runs) * len(names) == len(table.columns) and all(len(run) == len(names) for run in runs.values())
-    if not complete or len(runs) < 2 or len(names) < 2 or len(times) != 1 or any(len(of) > 1 for of in units.values()):
-        return None
-    columns = [run[times[0]] for run in runs.values()]
-    more = {name: stacked_column([(table, run[name]) for run in runs.values()]) for name in names}
-    more["object"] = np.repeat(np.array([*runs], dtype=object), len(table))
-    long = _stacked(table, columns, (), more)
-    shown_runs = f"{counted(len(runs), 'run')}, {shown_columns([*runs])}"
-    long = replace(
-        long,
-        units={name: unit for name, of in units.items() if (unit := next(iter(of)))},
-        loose=frozenset(name for name in names if {run[name] for run in runs.values()} & table.loose),
-        roles={**table.roles, "object": "object"},
-        notes=(*table.notes, f"{READ_AS}columns of {shown_runs}, each an object with its times"),
-    )
-    return long.taken(np.flatnonzero(np.any([long.codes(name) >= 0 for name in names], axis=0)))
-
-
-def _objects(table: Table, words: Sequence[str]) -> tuple[str, Column]:
-    """Return the column that names the objects, and their names: the first without repetitions, else all together."""
-    for name in words:
-        cells, labels = table.encoded(name)
-        if (cells >= 0).all() and len(labels) == len(table):
-            return name, table.columns[name]
-    if not words:
-        return "object", np.array([f"row {table.number(row)}" for row in range(len(table))], dtype=object)
-    texts = [[cell.strip() if isinstance(cell, str) else "" for cell in table.columns[name]] for name in words]
-    return "object", np.array([", ".join(filter(None, cells)) for cells in zip(*texts, strict=True)], dtype=object)
-
-
-def _quantified(table: Table, name: str) -> Floats:
-    """Return a column of measurements, refused if values in it are below a limit of quantification."""
-    if np.isfinite(table.limits(name)).any():
-        raise CommonlawError("wide-censored", where=table.source, column=name)
-    return table.numbers(name, missing=True)
-
 
 Cells = tuple[Floats, Floats, Floats, Floats, Floats]
 """Of all rows: times, shape (n,), states, inputs, standard deviations of the states and limits that they are below of,
@@ -460,7 +342,7 @@ def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, Co
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
     if reading.get("time") not in table.columns:
-        across = _times_across(table, reading.get("wide")) or _runs_across(table)
+        across = table_in_columns(table, reading)
         if across is not None:
             table, reading = across, cast(Reading, {**across.roles, **reading, "wide": None})
     time = time_of(table, reading)
@@ -494,7 +376,7 @@ def _long_rows(table: Table, reading: Reading, columns: ColumnRoles) -> Rows:
     first = first_time(table, time)
     measured = table.taken(np.arange(first, len(table)))
     more = {"object": np.repeat(np.array(names, dtype=object), len(measured))}
-    more[state] = np.concatenate([_quantified(measured, name) for name in names])
+    more[state] = np.concatenate([quantified(measured, name) for name in names])
     noise = {state: f"{state} noise"} if columns.noise_columns else {}
     if noise:
         if without := [name for name in names if name not in columns.noise_columns]:
@@ -509,7 +391,7 @@ def _long_rows(table: Table, reading: Reading, columns: ColumnRoles) -> Rows:
     }
     if twice := conditions.keys() & {*repeated, *more}:
         raise CommonlawError("wide-name-twice", where=table.source, name=min(twice))
-    long = _stacked(measured, names, repeated, more | conditions)
+    long = stacked(measured, names, repeated, more | conditions)
     units_of = {**long.units, state: unit} if unit else long.units
     long = replace(long, units=units_of, loose=long.loose | conditions.keys())
     roles: Reading = {

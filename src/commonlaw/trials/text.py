@@ -330,7 +330,8 @@ def _separators(text: str) -> _Separators:
         except CommonlawError:
             rows = []
         width = usual_width(rows)
-        table = [row.cells for row in rows if len(row.cells) == width]
+        wide = [row.cells for row in rows if len(row.cells) >= width]
+        table = [cells for cells in wide if not any(map(str.strip, cells[width:]))]  # Blanks may stand behind a header
         counts.append((len(table), sum(map(is_value, chain.from_iterable(table)))))
     best = max(counts)
     return ways[counts.index(best)] if best[0] else _Separators(",")

@@ -104,7 +104,7 @@ def _of_one_stem(table: Table, names: Sequence[str], times: Floats) -> OneQuanti
     shown = shown_columns(alike)
     if not is_called(stem, SEPARATE) and len(alike) <= _MAX_COUPLED:
         inputs = [name for name in names if name not in alike]
-        if coupling(*_longest_run(times, _columns(table, alike), _columns(table, inputs))):
+        if coupling(*longest_run(times, _columns(table, alike), _columns(table, inputs))):
             return OneQuantity(notes=(
                 f"{shown} are taken as states of one object, as they act on each other; if each is an object, read "
                 f"them with `wide={(quantity(alike, None))!r}`",
@@ -118,7 +118,7 @@ def _columns(table: Table, names: Sequence[str]) -> Floats:
     return np.column_stack([np.empty((len(table), 0)), *(readable(table, name) for name in names)])
 
 
-def _longest_run(times: Floats, states: Floats, inputs: Floats) -> tuple[Floats, Floats, Floats]:
+def longest_run(times: Floats, states: Floats, inputs: Floats) -> tuple[Floats, Floats, Floats]:
     """Return the complete rows of the longest part of a table in which times increase."""
     complete = np.isfinite(np.column_stack([times, states, inputs])).all(axis=1)
     times, states, inputs = times[complete], states[complete], inputs[complete]

@@ -13,8 +13,9 @@ import numpy as np
 
 from commonlaw.text import counted, shown
 from commonlaw.trials.columns import Table
-from commonlaw.trials.layouts.grid import Grid, is_time_header, labels_of, table_of
+from commonlaw.trials.layouts.grid import Grid, labels_of, table_of
 from commonlaw.trials.reading import READ_AS, WrittenReading
+from commonlaw.trials.recognition import is_time_header
 from commonlaw.trials.rows import Layout, Row, is_value, layout_of
 
 _FIRST_ROWS = 100

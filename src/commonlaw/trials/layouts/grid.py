@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 from commonlaw.text import shown
 from commonlaw.trials.columns import Column, Table, column_of, filled_table
-from commonlaw.trials.headers import known_unit, split_header
 from commonlaw.trials.reading import WrittenReading
-from commonlaw.trials.recognition import TIME, TRIAL, is_called
+from commonlaw.trials.recognition import TRIAL, is_called
 from commonlaw.trials.rows import Row
 
 _PLAIN = re.compile(r"[+-]?(?:0|[1-9]\d*|(?=\.\d))(?:\.\d*)?(?:[eE][+-]?\d+)?", re.ASCII)
@@ -90,14 +89,6 @@ def labels_of(names: Sequence[str]) -> dict[str, list[str]]:
         if 1 < len(set(stems)) < len(names) or (len(set(stems)) == 1 and is_called(stems[0], TRIAL)):
             return {"object": list(stems), "trial": list(labels)}
     return {"object": list(names)}
-
-
-def is_time_header(header: str) -> bool:
-    """Say whether a header is that of times: it is ``t``, or has a word or a unit of time."""
-    name, unit = split_header(header)
-    known = known_unit(unit) if unit else None
-    is_of_time = known is not None and dict(known.dimensionality) == {"[time]": 1}
-    return name.casefold() == "t" or is_of_time or (not unit and is_called(name, TIME))
 
 
 def _column(cells: Sequence[object]) -> tuple[Column, bool]:

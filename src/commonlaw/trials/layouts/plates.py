@@ -15,8 +15,9 @@ from commonlaw.text import counted
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import elapsed_in_names
 from commonlaw.trials.headers import join_header, split_header
-from commonlaw.trials.layouts.grid import SORTED, Grid, Sample, is_time_header, merged, table_of
+from commonlaw.trials.layouts.grid import SORTED, Grid, Sample, merged, table_of
 from commonlaw.trials.reading import READ_AS, WrittenReading
+from commonlaw.trials.recognition import is_time_header
 from commonlaw.trials.rows import Row, is_value
 
 _WELL = re.compile(r"[A-P]0?(?:[1-9]|1\d|2[0-4])")

@@ -11,8 +11,9 @@ from commonlaw.text import counted
 from commonlaw.trials.columns import Table, column_of, filled_table
 from commonlaw.trials.headers import label, split_header
 from commonlaw.trials.layouts.cells import table_in_cells
-from commonlaw.trials.layouts.grid import SORTED, Grid, Sample, is_time_header, labels_of, merged
+from commonlaw.trials.layouts.grid import SORTED, Grid, Sample, labels_of, merged
 from commonlaw.trials.reading import READ_AS
+from commonlaw.trials.recognition import is_time_header
 from commonlaw.trials.rows import Layout, Row, is_value, layout_of
 
 Rows = list[tuple[int, list[Any]]]
