@@ -47,3 +47,44 @@ def test_trials_below_each_other_are_told_apart_by_an_option(done, tmp_path):
     rows = [f"{t},{start * np.exp(-0.3 * t):.5f}" for start in (1, 2) for t in range(10)]
     text(tmp_path / "runs.csv", "t,x\n" + "\n".join(rows))
     assert "2 trials" in done("fit", "runs.csv", "x' = -k x", "--restarts", "trials")
+
+
+def decay(rate, start=1.0):
+    return start * np.exp(-rate * np.arange(12)) + 0.002 * np.random.default_rng(1).standard_normal(12)
+
+
+LAYOUTS = {
+    "blocks": (
+        "\n\n".join("".join(f"{t} {x:.4f}\n" for t, x in enumerate(decay(k))) for k in (0.2, 0.4)),
+        "x",
+        "2 blocks of rows",
+    ),
+    "runs": (
+        "time A,x A,time B,x B\n"
+        + "".join(f"{t},{x:.4f},{t},{y:.4f}\n" for t, (x, y) in enumerate(zip(decay(0.2), decay(0.4), strict=True))),
+        "x",
+        "columns of 2 runs",
+    ),
+    "points": (
+        "#multi:\n\tA\t\tB\t\nt\tx\ty\tx\ty\n"
+        + "".join(f"{t}\t{decay(0.2)[t]:.4f}\t{5 - t}\t{decay(0.4)[t]:.4f}\t{7 - t}\n" for t in range(12)),
+        "x",
+        "2 points, A, B, each an object",
+    ),
+    "PEtab": (
+        "observableId\tsimulationConditionId\tmeasurement\ttime\n"
+        + "".join(f"x\tc{start}\t{x:.4f}\t{t}\n" for start in (1, 2) for t, x in enumerate(decay(0.3, start))),
+        "x",
+        "a long table: x in observableId",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", LAYOUTS)
+def test_other_layouts_are_fitted_and_forecast(done, tmp_path, kind):
+    content, state, line = LAYOUTS[kind]
+    text(tmp_path / "data.txt", content)
+    assert done("fit", "data.txt", f"{state}' = -k {state}", "--save", "law.json").startswith(f"Read as {line}")
+    assert f"{state}" in done("predict", "data.txt", "law.json")
+    done("data", "check", "data.txt", "--save", "roles.toml")
+    assert "2 trials" in done("discover", "data.txt", "--schema", "roles.toml", "--order", "1", "--library", "poly:1")

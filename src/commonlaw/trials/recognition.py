@@ -49,8 +49,11 @@ QUANTITIES = MEASURED | vocabulary(
     "species node mode channel state var tank cell body particle site station patch compartment"
 )
 """What one object may have several of."""
-_MEASURAND = vocabulary("variable quantity parameter signal channel measurand analyte observable")
+MEASURAND = vocabulary("quantity measurand analyte observable dvid")
 """What names quantities that stand below each other."""
+SENSOR = vocabulary("variable parameter signal channel")
+"""What names these, or objects."""
+_MEASURAND = MEASURAND | SENSOR
 _SURROUNDINGS = vocabulary("ambient amb tamb surroundings environment env tenv outdoor outdoors outside weather")
 INPUT = _SURROUNDINGS | vocabulary(
     "input setpoint command control stimulus forcing dose amt solar irradiance insolation radiation sunlight sunshine "
@@ -268,7 +271,7 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     ):
         if len(likely) == 1:
             if is_called(likely[0], _MEASURAND):
-                raise CommonlawError("long-table", where=table.source, column=likely[0])
+                raise _long_table(table, likely[0])
             return likely[0]
     if not finest:
         return _separating_column(table, times, names)
@@ -277,6 +280,11 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
         return ", ".join(finest)
     first, second = finest[:2]
     raise CommonlawError("object-ambiguous", where=table.source, columns=finest, first=first, second=second)
+
+
+def _long_table(table: Table, column: str) -> CommonlawError:
+    names = [str(cell) for cell in table.encoded(column)[1]]
+    return CommonlawError("long-table", where=table.source, column=column, names=names)
 
 
 def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
@@ -324,7 +332,7 @@ def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Cod
             del codes[name]
     result = list(codes) if _separate(times, groups, *codes.values()) else []
     if quantities := [name for name in result if is_called(name, _MEASURAND)]:
-        raise CommonlawError("long-table", where=table.source, column=quantities[0])
+        raise _long_table(table, quantities[0])
     for name in sorted(result, key=lambda name: int(codes[name].max())):
         rest = [condition for condition in result if condition != name]
         result = rest if _separate(times, groups, *(codes[condition] for condition in rest)) else result

@@ -341,10 +341,8 @@ def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, Co
     table = with_numbers(table, notation_of(reading))
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
-    if reading.get("time") not in table.columns:
-        across = table_in_columns(table, reading)
-        if across is not None:
-            table, reading = across, cast(Reading, {**across.roles, **reading, "wide": None})
+    if (long := table_in_columns(table, reading)) is not None:
+        table, reading = long, cast(Reading, {**long.roles, **reading, "wide": None})
     time = time_of(table, reading)
     first = first_time(table, time)
     samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, reading, time)

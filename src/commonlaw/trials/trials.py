@@ -171,8 +171,8 @@ class Trials(ShownInNotebooks):
             commas, semicolons, tabs, bars or blanks; comments, rows above and below the table, and a row of units are
             recognized. A Parquet file written by `to_parquet` contains its roles.
         sheet
-            The sheet of a workbook. Default: all sheets with the same header; each is an object with the name of the
-            sheet, unless there is a column ``object``.
+            The sheet of a workbook. Default: all that hold measurements; those with the same header are an object each,
+            named by the sheet, unless there is a column ``object``.
         **roles
             Roles of columns and rules for reading: `object`, `trial`, `time`, `states`, `inputs`, `properties`,
             `noise_columns`, `units`, `wide`, `missing`, `decimal`, `dates`, ...; the page "Data format" describes them.

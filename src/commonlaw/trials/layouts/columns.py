@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from commonlaw.trials.columns import Table
 from commonlaw.trials.layouts.pairs_across import pairs_across
 from commonlaw.trials.layouts.points_across import points_across
+from commonlaw.trials.layouts.quantities_below import quantities_below
 from commonlaw.trials.layouts.runs_across import runs_across
 from commonlaw.trials.layouts.times_across import times_across
 from commonlaw.trials.reading import Reading
@@ -14,6 +15,7 @@ OF_COLUMNS: Sequence[Callable[[Table, Reading], Table | None]] = (
     runs_across,
     points_across,
     pairs_across,
+    quantities_below,
 )
 
 

@@ -30,6 +30,8 @@ def pairs_across(table: Table, reading: Reading) -> Table | None:
     stem = next(iter(stems), "")
     if len(times) < 2 or len(names) < len(times) or len(stems) > 1 or not is_time_header(stem):
         return None
+    if reading.get("time") in table.columns.keys() - {split_header(stem)[0]}:
+        return None  # A single pair
     if any(is_time_header(join_header(name, table.units.get(name, ""))) for name in names):
         return None
     wide, units = reading.get("wide"), [table.units.get(name, "") for name in names]

@@ -25,11 +25,11 @@ Runs = Mapping[str, Mapping[str, str]]
 """The columns of each run by what they hold, with its unit."""
 
 
-def runs_across(table: Table, _: Reading) -> Table | None:
+def runs_across(table: Table, reading: Reading) -> Table | None:
     """Return a table that has a column of times for each run as one with the runs below each other; None if not so.
 
     All columns are of a run, ``Run 1: Time``, ``time_1`` or ``time A``, each run has the same, and one of them is a
-    time: by its name, or as the first of two, x, that increases.
+    time: by its name, or as the first of two, x, that increases. A single run may be named by its time.
     """
     for runs in (_by_number(table), _by_place(table)):
         headers = [*next(iter(runs.values()), {})]
@@ -38,7 +38,7 @@ def runs_across(table: Table, _: Reading) -> Table | None:
         times = [header for header in headers if (name := split_header(header)[0]) == "t" or is_called(name, TIME)]
         if not times and len(headers) == 2 and split_header(headers[0])[0].casefold() == "x":
             times = headers[:1] if all(_increases(table, run[headers[0]]) for run in runs.values()) else []
-        if len(times) == 1:
+        if len(times) == 1 and reading.get("time") not in table.columns.keys() - {split_header(times[0])[0]}:
             return _below(table, runs, times[0])
     return None
 

@@ -16,6 +16,8 @@ from commonlaw.trials.wide import quantity
 
 def times_across(table: Table, reading: Reading) -> Table | None:
     """Return a table whose columns are times as one with a row for each cell; None if they are not."""
+    if reading.get("time") in table.columns:
+        return None
     dates = [name for name in table.columns if holds_dates(np.array([name], dtype=object))]
     unit, numbers = ("year", years_of(table.columns)) if len(dates) < 3 else ("", {})
     if len(dates) < 3 and len(numbers) < 3:
