@@ -41,7 +41,7 @@ def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers():
 
 
 @pytest.mark.slow
-def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():
+def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_differs():
     starts, steps = [(0.8, 1.2), (2.0, 0.6)], list[str]()
 
     def rates(_: float, z: np.ndarray) -> list[float]:
@@ -50,7 +50,7 @@ def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heterosce
     trials = simulated(rates, {"a": ()}, starts, np.linspace(0, 8, 80), 0.01, ["x", "y"], seed=1)
     law = cl.discover(trials, cache=False, progress=steps.append)
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
-    assert any("heteroscedastic: estimating errors" in step for step in steps)
+    assert any("estimating errors" in step for step in steps)
     assert not any(text in step for step in steps for text in ("of order 2", "parametric", "latent state"))
 
 
@@ -101,7 +101,8 @@ def test_central_forces_come_before_polynomials_of_higher_degree():
         return [z[2], z[3], *(-z[:2] / np.hypot(*z[:2]) ** 3)]
 
     steps = list[str]()
-    trials = simulated(rates, {"moon": ()}, [(1, 0, 0, 0.8)], np.linspace(0, 10, 60), 0.001, ["x", "y"], absolute=True)
+    starts = [(1, 0, 0, 0.8), (1, 0, 0, 1.1)]  # Along one orbit, velocities are functions of positions
+    trials = simulated(rates, {"moon": ()}, starts, np.linspace(0, 10, 60), 0.001, ["x", "y"], absolute=True)
     law = cl.discover(trials, order=2, progress=steps.append)
     assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
     np.testing.assert_allclose(law.coefficients[0][law.support], -1, atol=0.002)

@@ -27,7 +27,7 @@ from commonlaw.inference.propose.parametric import (
 )
 from commonlaw.inference.propose.screening import screen_terms, terms_by_score_test
 from commonlaw.inference.score.score import Score
-from commonlaw.inference.search.error_models import choose_errors
+from commonlaw.inference.search.error_models import choose_errors, fit_each_kind
 from commonlaw.inference.search.law_search import (
     PATH,
     choose_interpolation,
@@ -102,7 +102,9 @@ class Candidate:
     """The best law of one order so far, among the screened terms, with its rivals and the steps of its history.
 
     Trials are transformed by `transform_trials`. If the candidate `is_coarse`, only a coarse mesh was tried, on which
-    the law has a model error. If it is less probable than a law of fewer objects, the others are strange and `apart`.
+    the law has a model error. It `has_errors` if its error model was chosen, and it
+    `was_offered` richer terms if these were tried in place of a misfit. If it is less probable than a law of fewer
+    objects, the others are strange and `apart`.
     """
 
     screened: Screened
@@ -112,6 +114,8 @@ class Candidate:
     has_richer: bool
     is_coarse: bool = False
     is_of_higher_degree: bool = False
+    has_errors: bool = False
+    was_offered: bool = False
     apart: Apart | None = None
 
     def __lt__(self, other: "Candidate") -> bool:
@@ -306,6 +310,23 @@ class CandidateSearch:
         return self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True)
 
     @_kept
+    def in_place_of_misfit(self, candidate: Candidate) -> Candidate:
+        """Return the law of richer terms if it fits with few terms, and explains more than errors of the plain law.
+
+        Then no other order, errors or latent state need be tried, of which each takes longer.
+        """
+        plain, offers = candidate.pool.best, self._offers(candidate.screened)[1]
+        if candidate.is_simple or candidate.has_richer or candidate.is_coarse or not any(x.count for x in offers):
+            return candidate
+        more = self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True, most=len(offers))
+        more, candidate = replace(more, has_richer=True), replace(candidate, was_offered=True)
+        if not more.suffices:
+            return candidate
+        kinds = error_kinds(self.options.errors, candidate.transformed.schema)
+        misfits = fit_each_kind(plain.problem, plain.supports, kinds)
+        return more if all(more.score < score_of_order(fit) for fit in misfits) else candidate
+
+    @_kept
     def with_errors(self, candidate: Candidate) -> Candidate:
         """Return the candidate under the chosen error model, searched again if that readmits screened-out terms.
 
@@ -325,7 +346,7 @@ class CandidateSearch:
                 candidate = self._candidate(more, candidate.transformed, None, richer=candidate.has_richer)
                 continue
             fine = resolved(pool, progress)
-            candidate = replace(candidate, screened=screened, pool=fine)
+            candidate = replace(candidate, screened=screened, pool=fine, has_errors=True)
             if not may_hide or pool.best.reason_for_error_model or not fine.best.reason_for_error_model:
                 return candidate
             may_hide = False

@@ -308,6 +308,8 @@ def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) ->
             candidate = search.of_higher_degree(candidate)
             if not (candidate.pool.best.lack_of_fit or candidate.is_simple):
                 candidate = search.richer(candidate)
+            elif is_first_order_possible(candidate.pool.best):
+                candidate = search.in_place_of_misfit(candidate)
         return candidate
 
     def of_orders() -> tuple[list[Candidate], list[CommonlawError]]:
@@ -322,9 +324,13 @@ def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) ->
     if several and (not best.is_simple or is_implied_by_lower_order(best.pool)):
         candidates, _ = apply_to_each(search.finer, candidates)
     if search.options.errors == "auto" and min(candidates).pool.best.reason_for_error_model:
-        # Before richer terms, which would explain the errors of measurements
+        # Before richer terms that are no better, which would explain the errors of measurements
         search.has_not_tried(_ERRORS, _RICHER)
         finer, _ = _in_share(search, 2 / 3, partial(apply_to_each, search.finer, candidates))
+        best = min(finer)
+        if not best.was_offered and best.pool.best.lack_of_fit:
+            more, _ = _in_share(search, 1 / 2, partial(apply_to_each, search.in_place_of_misfit, [best]))
+            finer = [*more, *(candidate for candidate in finer if candidate is not best)]
         candidates, _ = _in_share(search, 2 / 3, partial(apply_to_each, search.with_errors, finer))
     search.has_not_tried(_RICHER)
     candidates = _with_richer_terms(search, candidates)
@@ -364,7 +370,7 @@ def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[
         candidates, failed = apply_to_each(search.resolved, candidates)  # A coarse mesh may hide it
         best = min(candidates)
     if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_error_model:
-        candidates, more = apply_to_each(search.with_errors, candidates)
+        candidates, more = apply_to_each(lambda one: one if one.has_errors else search.with_errors(one), candidates)
         failed = [*failed, *more]
     if len(candidates) > 1:
         candidates = sorted(candidates, key=lambda candidate: candidate.reported_score)

@@ -51,7 +51,7 @@ Departures = Mapping[str, bool]
 """Departures of residuals from white noise in words, and whether each is of the noise; others are lack of fit."""
 
 HETEROSCEDASTIC = "heteroscedastic"
-UNEQUAL = "of unequal noise between objects"
+UNEQUAL = "of unequal noise between objects or trials"
 OF_NOISE = (HETEROSCEDASTIC, UNEQUAL)
 """Departures that are of the noise."""
 
@@ -63,9 +63,9 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departu
     """Return the departures of residuals from white noise, state by state.
 
     They are heteroscedastic or autocorrelated if twice the log-likelihood ratio of a model with it exceeds log n for
-    each of its parameters (BIC), see `autocorrelation`. Those of white noise are of unequal noise between objects if
-    that of levels by object exceeds their costs, see `NoiseByGroup.evidence`, and for given terms very strongly so:
-    these are fitted under white noise else.
+    each of its parameters (BIC), see `autocorrelation`. Those of white noise are of unequal noise between objects or
+    trials if that of levels by group exceeds their costs, see `NoiseByGroup.evidence`, and for given terms very
+    strongly so: these are fitted under white noise else.
     """
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)

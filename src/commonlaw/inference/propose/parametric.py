@@ -65,10 +65,10 @@ def with_parametric_terms_under_errors(
     """Return a pool with laws that contain offered terms, searched for under other measurement errors than `before`.
 
     Under heteroscedastic noise small values have larger weights, and these may show a nonlinearity that white noise
-    hides. Other parameters are those of `with_parametric_terms`.
+    hides. Other parameters are those of `with_parametric_terms`, and so are the laws that need no more of them.
     """
     plain = pool.plain
-    if plain is None or not any(offer.count for offer in offers):
+    if plain is None or not any(offer.count for offer in offers) or not may_be_simpler(pool.best, 2):
         return pool
     errors = plain.problem.errors
     if errors.of_law or errors.kind in ("white", before.kind):
