@@ -161,6 +161,36 @@ def test_columns_between_wells_and_times_are_properties_and_empty_times_are_none
     assert [trials.properties[well]["Content"] for well in WELLS] == ["blank", "WT", "WT", "mut"]
 
 
+def test_conditions_are_named_above_the_times_where_these_have_a_header(tmp_path):
+    head, names = ["Well", "Content", *["Raw Data (600)"] * 6], ["", "Time", *(f"{t / 60:.0f} min" for t in SECONDS)]
+    rows = [["User: Anna"], [], head, names, *([well, f"S{i}", *DENSITIES[well]] for i, well in enumerate(WELLS))]
+    trials = Trials.read(text(tmp_path / "omega.csv", lines(rows)))
+    check(trials, unit="min")
+    assert [trials.properties[well]["Content"] for well in WELLS] == ["S0", "S1", "S2", "S3"]
+
+
+def test_wells_in_a_later_column_and_times_beyond_a_day_are_read(tmp_path):
+    down_in_b = [["", *row] for row in down(DENSITIES, "Time [s]", SECONDS)]
+    check(Trials.read(workbook(tmp_path / "b.xlsx", {"A": [["Reader 7"], [], *down_in_b]})))
+    hours = [9 * i for i in range(6)]
+    rows = across(DENSITIES, "600")
+    rows = [[600], rows[0], *([datetime.timedelta(hours=t), *row[1:]] for t, row in zip(hours, rows[1:], strict=True))]
+    trials = Trials.read(workbook(tmp_path / "gen5.xlsx", {"A": rows}))
+    assert trials[0].times.tolist() == [3600 * t for t in hours]
+    rows += [[], ["GFP"], ["Time", *WELLS], *([datetime.timedelta(hours=t), 1.0, 2.0, 3.0, t + 1.0] for t in hours)]
+    trials = Trials.read(workbook(tmp_path / "gen5.xlsx", {"A": rows}))
+    assert trials.schema.states == ("value_600", "GFP")
+    assert trials[0].times.tolist() == [3600 * t for t in hours]
+
+
+def test_plates_in_several_sheets_are_refused_with_the_option_that_chooses(tmp_path):
+    sheets = {name: down(DENSITIES, "Time [s]", SECONDS) for name in ("OD600", "GFP")}
+    path = workbook(tmp_path / "a.xlsx", {**sheets, "Info": [["Anna"]]})
+    with refused("workbook-layouts", sheets=["OD600", "GFP"]):
+        Trials.read(path)
+    check(Trials.read(path, sheet="OD600"))
+
+
 def test_a_cell_without_a_number_is_refused_with_its_place(tmp_path):
     values = {**DENSITIES, "B1": [*DENSITIES["B1"][:5], "OVER"]}
     path = text(tmp_path / "plate.csv", lines(down(values, "", [f"{t:.0f}s" for t in SECONDS])))

@@ -99,6 +99,29 @@ def test_the_measurements_of_a_petab_problem_are_trials_of_one_object(tmp_path):
     assert [trial.name for trial in both] == ["starved, Anna", "starved, Ben"]
 
 
+def test_replicates_of_a_petab_problem_are_trials_and_names_of_data_sets_are_left_out(tmp_path):
+    lines = [
+        f"{name}\tc{condition}\t{t}\t{t + condition + size + 0.01 * replicate:.3f}\td{name}{condition}\tr{replicate}"
+        for size, name in enumerate("pq") for condition in (1, 2) for replicate in (1, 2) for t in range(5)
+    ]  # fmt: skip
+    header = "observableId\tsimulationConditionId\ttime\tmeasurement\tdatasetId\treplicateId"
+    trials = Trials.read(text(tmp_path / "a.tsv", "\n".join([header, *lines])))
+    assert [trial.name for trial in trials] == ["c1, r1", "c1, r2", "c2, r1", "c2, r2"]
+    assert trials[3].states[:, 1].tolist() == [3.02, 4.02, 5.02, 6.02, 7.02]
+
+
+def test_quantities_below_doses_are_states_too(tmp_path):
+    rows = [
+        "1,0,100,,",
+        *(f"1,{t},,{name},{size / (1 + t):.3f}" for t in (1, 2, 4) for name, size in (("a", 9), ("b", 2))),
+    ]
+    trials = Trials.read(text(tmp_path / "pk.csv", "\n".join(["id,time,amt,analyte,conc [mg/L]", *rows])))
+    assert trials.schema.states == ("a", "b")
+    assert trials[0].states.tolist() == [[4.5, 1.0], [3.0, 0.667], [1.8, 0.4]]
+    assert [dose.amount for dose in trials[0].doses] == [100]
+    assert trials.schema.units["b"] == "mg/L"
+
+
 def test_what_names_quantities_may_also_name_objects_if_that_is_said(tmp_path):
     content = rows("subject,time,analyte,conc", lambda *cells: f"{cells[0]},{cells[2]},{cells[1]},{cells[3]}")
     path = text(tmp_path / "blood.csv", content)

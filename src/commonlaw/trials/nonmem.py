@@ -15,7 +15,7 @@ from commonlaw.text import counted
 from commonlaw.trials.columns import Codes, Column, Table
 from commonlaw.trials.headers import label, split_header
 from commonlaw.trials.reading import READ_AS, Reading
-from commonlaw.trials.recognition import SEPARATE, is_amount, is_called, readable
+from commonlaw.trials.recognition import SEPARATE, is_amount, is_called, names_quantities, readable
 from commonlaw.trials.trial import Dose
 
 _OF_DOSES = frozenset({"rate", "ii", "addl", "ss", "dur", "tinf"})
@@ -47,6 +47,8 @@ def items_of(table: Table, reading: Reading) -> dict[str, str]:
     is_alternating = len(alternating) == 1 and _alternates(table, alternating[0], taken)
     if is_alternating:
         items.setdefault("amt", alternating[0])
+        if not items.keys() & {"dv", "dvid"}:
+            items |= _named_quantities(table, alternating[0], taken)
     more = items.keys() & (_OF_RECORDS | _OF_DOSES if "amt" in items else _OF_RECORDS)
     is_data_set = is_alternating or {"amt", "dv"} <= items.keys() or (more and items.keys() & {"amt", "dv"})
     return items if is_data_set and not reading.get("wide") else {}
@@ -67,6 +69,15 @@ def _alternates(table: Table, amount: str, taken: Collection[str]) -> bool:
             if not is_filled[is_dose].any():
                 is_sample |= is_filled
     return bool(is_dose.any() and is_sample.any() and (is_dose != is_sample).all())
+
+
+def _named_quantities(table: Table, amount: str, taken: Collection[str]) -> dict[str, str]:
+    """Return the columns that name quantities and have their values, as DVID and DV do; none if they are not clear."""
+    is_dose = np.nan_to_num(readable(table, amount)) != 0
+    names = [name for name in table.columns if name not in taken and names_quantities(name)]
+    values = [name for name in table.numeric if name not in (*taken, *names, amount)]
+    values = [name for name in values if not np.isfinite(readable(table, name)[is_dose]).any()]
+    return {"dvid": names[0], "dv": values[0]} if len(names) == len(values) == 1 else {}
 
 
 def _listed(names: Any) -> list[str]:

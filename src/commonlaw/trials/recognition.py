@@ -107,6 +107,11 @@ def is_time_header(header: str) -> bool:
     return name.casefold() == "t" or is_called(name, TIME)
 
 
+def names_quantities(header: str) -> bool:
+    """Say whether a column is called like one of the names of quantities, ``analyte`` or ``observableId``."""
+    return is_called(header, MEASURAND) and {*words(header)} <= MEASURAND | {"id", "name"}
+
+
 def readable(table: Table, name: str) -> Floats:
     """Return a column as numbers, shape (n,), NaN where it is empty; all NaN if a cell is none, which others refuse."""
     try:

@@ -46,7 +46,7 @@ class _Block:
     places
         Where the cells of each time stand, for messages, and the numbers of these rows or columns.
     is_table
-        Whether these are a table as it stands: times down, or headers that are times.
+        Whether these are a table as it stands: times down, or headers that are times with a unit.
     """
 
     title: str
@@ -87,7 +87,7 @@ def plates(grid: Grid) -> Table | None:
     """
     blocks = [block.complete() for block in _blocks(grid)]
     facts = grid.left_out([row for block in blocks for row in block.rows])
-    if not blocks or (len(blocks) == 1 and blocks[0].is_table and not facts):
+    if not blocks or (len(blocks) == 1 and blocks[0].is_table and not (blocks[0].title or facts)):
         return None
     if len(blocks) > 1:
         return _long(grid, blocks, facts)
@@ -105,45 +105,51 @@ def _text(cell: object) -> str:
 def _blocks(grid: Grid) -> list[_Block]:
     """Return the blocks in the order of their rows."""
     rows, result, i, end = grid.rows, list[_Block](), 0, 0
+    lines = {row.line: number for number, row in enumerate(rows)}
     while i < len(rows):
         cells, block = rows[i].cells, None
         wells = [
             j for j, cell in enumerate(cells) if len(cell) < 5 and cell[:1].isalpha() and _WELL.fullmatch(cell.strip())
         ]
-        if wells[:1] == [0] and sum(map(is_value, cells[1:])) >= _MIN_TIMES:
-            block = _wells_down(grid, end, i)
+        if wells and not any(map(str.strip, cells[: wells[0]])) and _values(rows[i], wells[0]) >= _MIN_TIMES:
+            block = _wells_down(grid, end, i, wells[0])
         elif len(wells) > 1:
             block = _wells_across(grid, end, i)
         if block is not None:
             result.append(block)
-            i = end = rows.index(block.rows[-1]) + 1
+            i = end = lines[block.rows[-1].line] + 1
         else:
             i += 1
     return result
 
 
-def _wells_down(grid: Grid, begin: int, first: int) -> _Block | None:
-    """Return the block whose first well is in a row, None if no times stand above it, from the row `begin` on."""
-    rows = grid.rows
-    last = first
-    while last + 1 < len(rows) and rows[last + 1].cells and _WELL.fullmatch(rows[last + 1].cells[0].strip()):
+def _values(row: Row, left: int) -> int:
+    """Return how many values stand in a row to the right of a column."""
+    return sum(map(is_value, row.cells[left + 1 :]))
+
+
+def _wells_down(grid: Grid, begin: int, first: int, left: int) -> _Block | None:
+    """Return the block whose first well is in a row and a column, None if no times stand above it.
+
+    It does not reach above the row `begin`.
+    """
+    rows, last, top = grid.rows, first, first
+    while last + 1 < len(rows) and _WELL.fullmatch(_text(rows[last + 1].value(left))):
         last += 1
-    top = first
     while top > begin and not rows[top - 1].is_blank:
         top -= 1
-    times = next((i for i in reversed(range(top, first)) if _holds_times(rows[i], i == first - 1)), None)
-    if times is None or _WELL.fullmatch(head := rows[times].cells[0].strip()):
+    times = next((i for i in reversed(range(top, first)) if _holds_times(rows[i], left, i == first - 1)), None)
+    if times is None or _WELL.fullmatch(head := _text(rows[times].value(left))):
         return None
-    while top < times and sum(map(is_value, rows[top].cells[1:])) < _MIN_TIMES:
+    while top < times and _values(rows[top], left) < _MIN_TIMES:
         top += 1
-    used = [row for row in rows[top : last + 1] if row is rows[times] or sum(map(is_value, row.cells[1:]))]
+    used = [row for row in rows[top : last + 1] if row is rows[times] or _values(row, left)]
     width, columns = max(len(row.cells) for row in used), dict[str, list[object]]()
     for row in used:
-        cells = [row.value(j) for j in range(1, width)]
-        name = row.cells[0].strip()
+        cells, name = [row.value(j) for j in range(left + 1, width)], _text(row.value(left))
         if row is rows[times]:
-            cells = [_IN_WORDS.sub(_as_clock, cell) if isinstance(cell, str) else cell for cell in cells]
-            name = time = name if is_time_header(name) else "time"
+            name, cells = _named_times(rows[times], rows[times - 1] if times else row, left, width)
+            time = name
         elif not name:
             is_temperature = all(_DEGREES.fullmatch(text) for text in map(_text, cells) if text)
             name = "temperature" if is_temperature else f"{grid.line} {row.line}"
@@ -151,9 +157,29 @@ def _wells_down(grid: Grid, begin: int, first: int) -> _Block | None:
             raise CommonlawError("plate-row-twice", where=grid.source, name=name, place=f"{grid.line} {row.line}")
         columns[name] = cells
     title, above = _title(grid, begin, top)
-    places = [(f"column {j + 1}", j + 1) for j in range(1, width)]
-    is_table = times == first - 1 and bool(head) and time == "time" and not _CLOCK.fullmatch(_text(columns[time][-1]))
+    places = [(f"column {j + 1}", j + 1) for j in range(left + 1, width)]
+    is_table = times == first - 1 and bool(head) and bool(elapsed_in_names(rows[times].cells)[1])
     return _Block(title, columns, time, rows[above : last + 1], places, is_table)
+
+
+def _named_times(row: Row, above: Row, left: int, width: int) -> tuple[str, list[object]]:
+    """Return the header of the times in a row, and its cells, with names of conditions ahead of the first time.
+
+    Where the header of the times stands in place of such a name, it is in the row above.
+    """
+    cells = [row.value(j) for j in range(left + 1, width)]
+    cells = [_IN_WORDS.sub(_as_clock, cell) if isinstance(cell, str) else cell for cell in cells]
+    unit, elapsed = elapsed_in_names(map(_text, cells))
+    first = next(i for i, cell in enumerate(cells) if is_value(_text(cell)) or _text(cell) in elapsed)
+    headers = [text for text in (_text(row.value(j)) for j in range(left + 1 + first)) if is_time_header(text)]
+    header = headers[-1] if headers else "time"
+    if elapsed.keys() >= {*map(_text, cells[first:])} - {""}:
+        cells[first:] = [elapsed.get(_text(cell)) for cell in cells[first:]]
+        header = join_header(split_header(header)[0], unit)
+    for i in range(first):
+        if not _text(cells[i]) or is_time_header(_text(cells[i])):
+            cells[i] = _text(above.value(left + 1 + i)) or f"column {left + i + 2}"
+    return header, cells
 
 
 def _wells_across(grid: Grid, begin: int, head: int) -> _Block | None:
@@ -175,17 +201,17 @@ def _wells_across(grid: Grid, begin: int, head: int) -> _Block | None:
     return _Block(title, columns, names[time], rows[above : last + 1], places, is_table=True)
 
 
-def _holds_times(row: Row, is_above_wells: bool) -> bool:
-    """Say whether the cells of a row are times: with a unit, as on a clock, or below a name or a unit of time.
+def _holds_times(row: Row, left: int, is_above_wells: bool) -> bool:
+    """Say whether the cells of a row are times: with a unit, as on a clock, or behind a name or a unit of time.
 
     Directly above wells these may also be any numbers that increase, but not those of cycles: 1, 2, 3.
     """
-    cells = [cell.strip() for cell in row.cells[1:]]
+    cells = [cell.strip() for cell in row.cells[left + 1 :]]
     elapsed = elapsed_in_names(cells)[1]
     cells = [cell for cell in cells if is_value(cell) or cell in elapsed]
     if len(cells) < _MIN_TIMES:
         return False
-    if is_time_header(row.cells[0].strip()):
+    if any(is_time_header(cell.strip()) for cell in row.cells if not is_value(cell)):
         return True
     timed = sum(bool(_CLOCK.fullmatch(cell) or _IN_WORDS.fullmatch(cell)) for cell in cells)
     if max(timed, len(elapsed)) >= len({*cells}):
@@ -215,6 +241,7 @@ def _title(grid: Grid, begin: int, top: int) -> tuple[str, int]:
 def _long(grid: Grid, blocks: Sequence[_Block], facts: Sequence[str]) -> Table:
     """Return the table with a row for each well and time, and a column for each title."""
     names = [re.sub(r"\W+", "_", block.title).strip("_") or "value" for block in blocks]
+    names = [f"value_{name}" if name[0].isdigit() else name for name in names]
     by_well = dict[str, dict[str, _Block]]()
     titles, times = [block.title or "no title" for block in blocks], [block.time for block in blocks]
     for name, block in zip(names, blocks, strict=True):

@@ -16,13 +16,13 @@ from commonlaw.trials.layouts.grid import Sample, merged
 from commonlaw.trials.nonmem import items_of
 from commonlaw.trials.reading import READ_AS, Reading, WrittenReading
 from commonlaw.trials.recognition import (
-    MEASURAND,
     OBJECT,
     SENSOR,
     TRIAL,
     deviation_columns,
     is_called,
     is_covariate,
+    names_quantities,
     readable,
     time_column,
     vocabulary,
@@ -32,6 +32,7 @@ from commonlaw.trials.roles import free_columns
 
 _VALUE = vocabulary("measurement value values dv y result conc concentration observation response reading amount")
 _UNIT = vocabulary("unit units")
+_OWNER = (OBJECT | TRIAL) - vocabulary("id name")
 _CONDITIONS = ("preequilibrationConditionId", "simulationConditionId", "replicateId")
 """Of a PEtab problem, which name its trials together."""
 
@@ -102,12 +103,12 @@ def quantities_below(table: Table, reading: Reading) -> Table | None:
 
 def _names_quantities(table: Table, name: str, reading: Reading) -> bool:
     """Say whether a column is called like one that names quantities, or like one of sensors whose names are states."""
-    if {"id", "name"} >= {*words(name)} or not {*words(name)} <= MEASURAND | SENSOR | {"id", "name"}:
+    if not names_quantities(name) and not is_called(name, SENSOR):
         return False
     cells = [label(cell) for cell in table.encoded(name)[1]]
     states = reading.get("states") or ()
-    is_said = is_called(name, MEASURAND) or not {*cells}.isdisjoint([states] if isinstance(states, str) else states)
-    return is_said and 2 * len(cells) <= len(table)
+    is_said = not {*cells}.isdisjoint([states] if isinstance(states, str) else states)
+    return (names_quantities(name) or is_said) and 2 * len(cells) <= len(table)
 
 
 def _is_label(table: Table, name: str) -> bool:
@@ -149,7 +150,7 @@ def _common(table: Table, names: Sequence[str], kinds: Codes, times: Codes) -> t
     Texts that follow from the quantity at each time, such as remarks on it, name no objects.
     """
     labels = [name for name in names if _is_label(table, name) and (table.codes(name) >= 0).all()]
-    for name in [name for name in labels if not is_called(name, OBJECT | TRIAL)]:
+    for name in [name for name in labels if not is_called(name, _OWNER) and words(name) != ["id"]]:
         codes = [table.codes(label_column) for label_column in labels if label_column != name]
         alone, of_quantity = _groups(times, *codes), _groups(times, kinds, *codes)
         if not _are_constant(table.codes(name), alone) and _are_constant(table.codes(name), of_quantity):

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import datetime, timedelta
 from itertools import zip_longest
 from typing import Any
 
@@ -38,7 +39,7 @@ def table_in_sheets(source: str, sheets: Mapping[str, Rows]) -> Table:
     if len(measured) == 1 and in_cells:
         (table,) = in_cells.values()
     elif in_cells:
-        raise _differing(source, layouts)
+        raise CommonlawError("workbook-layouts", where=source, sheets=[*measured], first=next(iter(measured)))
     else:
         table = _of_quantities(source, measured, layouts) or _of_objects(source, measured, layouts)
     facts = [f"{counted(len(left_out), 'sheet')} left out: {', '.join(left_out)}"] if left_out else []
@@ -51,9 +52,20 @@ def _table_in_cells(source: str, rows: Rows) -> Table | None:
     for number, cells in rows:
         if number > last + 1:
             listed.append(Row(number, number, []))
-        listed.append(Row(number + 1, number + 1, [*map(label, cells)], values=cells))
+        values = [*map(_without_dates, cells)]
+        listed.append(Row(number + 1, number + 1, [*map(label, values)], values=values))
         last = number
     return table_in_cells(Grid(source, listed, "row"))
+
+
+def _without_dates(cell: Any) -> Any:
+    """Return a duration as on a clock, 26:10:00, also one that a sheet shows as a date of 1900."""
+    if isinstance(cell, datetime) and cell.year in (1899, 1900):
+        cell -= datetime(1899, 12, 31)
+    if not isinstance(cell, timedelta):
+        return cell
+    minutes, seconds = divmod(cell.total_seconds(), 60)
+    return f"{int(minutes) // 60}:{int(minutes) % 60:02d}:{seconds:02g}"
 
 
 def _layout(rows: Rows) -> Layout:
