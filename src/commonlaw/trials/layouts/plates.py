@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted
@@ -242,36 +242,45 @@ def _long(grid: Grid, blocks: Sequence[_Block], facts: Sequence[str]) -> Table:
     """Return the table with a row for each well and time, and a column for each title."""
     names = [re.sub(r"\W+", "_", block.title).strip("_") or "value" for block in blocks]
     names = [f"value_{name}" if name[0].isdigit() else name for name in names]
-    by_well = dict[str, dict[str, _Block]]()
     titles, times = [block.title or "no title" for block in blocks], [block.time for block in blocks]
+    pairs = [(name, well) for name, block in zip(names, blocks, strict=True) for well in block.wells]
+    if len({*pairs}) < len(pairs) or len({*times}) > 1:
+        raise CommonlawError("plate-blocks", where=grid.source, titles=titles, times=times)
+    counts, by_well = Counter(header for block in blocks for header in block.columns), dict[str, list[list[Sample]]]()
     for name, block in zip(names, blocks, strict=True):
-        for well in block.wells:
-            if name in by_well.setdefault(well, {}) or block.time != times[0]:
-                raise CommonlawError("plate-blocks", where=grid.source, titles=titles, times=times)
-            by_well[well][name] = block
-    counts, samples = Counter(header for block in blocks for header in block.columns), list[Sample]()
-    for well, of_well in by_well.items():
-        for i in range(max(len(block.places) for block in of_well.values())):
-            for name, block in of_well.items():
-                if block.first <= i < len(block.places):
-                    samples.append(_sample(well, name, block, i, counts))
+        for well, samples in _samples(name, block, counts).items():
+            by_well.setdefault(well, []).append(samples)
+    in_turns = [zip_longest(*of_well) for of_well in by_well.values()]  # Blocks are measured one after the other
+    ordered = [sample for turns in in_turns for turn in turns for sample in turn if sample is not None]
     roles: WrittenReading = {"object": "well", "time": split_header(times[0])[0], "states": [*dict.fromkeys(names)]}
     shown = "; ".join(f"{block.title}: {block.in_words()}" for block in blocks)
     note = f"{READ_AS}a plate of {counted(len(by_well), 'well')} in {counted(len(blocks), 'block')}: {shown}"
-    return replace(merged(grid.source, samples), facts=tuple(facts), roles=roles | SORTED, notes=(note,))
+    return replace(merged(grid.source, ordered), facts=tuple(facts), roles=roles | SORTED, notes=(note,))
 
 
-def _sample(well: str, name: str, block: _Block, i: int, counts: Mapping[str, int]) -> Sample:
-    """Return what a block has of a well at one of its times, and the conditions of the well, by their headers.
+def _samples(name: str, block: _Block, counts: Mapping[str, int]) -> dict[str, list[Sample]]:
+    """Return what a block has of each well at its times, with the conditions of the well, by their headers.
 
     Other columns that several blocks have, as `counts` says, have the name of the block behind theirs.
     """
-    columns, (place, number) = block.columns, block.places[i]
-    cells = {"well": well, block.time: columns[block.time][i]}
-    cells |= {_text(columns[block.time][j]): columns[well][j] for j in range(block.first)}
-    for header in columns:
-        if header not in (block.time, *block.wells):
-            title, unit = split_header(header)
-            cells[join_header(f"{title} {name}", unit) if counts[header] > 1 else header] = columns[header][i]
-    cells[name] = columns[well][i]
-    return Sample((well, _text(cells[block.time])), cells, f"{place}, well {well}", number)
+    columns, wells, first = block.columns, block.wells, block.first
+    times, others = columns[block.time], dict[str, list[object]]()
+    for header in [header for header in columns if header not in (block.time, *wells)]:
+        title, unit = split_header(header)
+        others[join_header(f"{title} {name}", unit) if counts[header] > 1 else header] = columns[header]
+    result = dict[str, list[Sample]]()
+    for well in wells:
+        conditions = {_text(times[j]): columns[well][j] for j in range(first)}
+        result[well] = [
+            Sample(
+                (well, _text(times[i])),
+                {"well": well, block.time: times[i]}
+                | conditions
+                | {header: cells[i] for header, cells in others.items()}
+                | {name: columns[well][i]},
+                f"{block.places[i][0]}, well {well}",
+                block.places[i][1],
+            )
+            for i in range(first, len(times))
+        ]
+    return result
