@@ -154,7 +154,7 @@ def _common(table: Table, names: Sequence[str], kinds: Codes, times: Codes) -> t
         codes = [table.codes(label_column) for label_column in labels if label_column != name]
         alone, of_quantity = _groups(times, *codes), _groups(times, kinds, *codes)
         if not _are_constant(table.codes(name), alone) and _are_constant(table.codes(name), of_quantity):
-            labels.remove(name)
+            labels = [label_column for label_column in labels if label_column != name]
     groups = _groups(times, *(table.codes(name) for name in labels))
     return [name for name in names if name in labels or _are_constant(table.codes(name), groups)], groups
 
