@@ -39,8 +39,9 @@ def test_each_block_is_an_object_named_by_its_title(tmp_path, kind):
     assert [trial.times.tolist() for trial in trials] == [TIMES] * 3
     assert trials.schema.units == {"time": "min", "T": "°C"}
     assert any(note.startswith("read as 3 blocks") for note in trials.notes)
-    one = Trials.read(tmp_path / "cups.csv", object="", trial="block")
-    assert (len(one), one.objects) == (3, ("cups",))
+    for roles in ({"restarts": "trials"}, {"object": "", "trial": "block"}):
+        one = Trials.read(tmp_path / "cups.csv", **roles)
+        assert (len(one), one.objects) == (3, ("cups",))
 
 
 def test_blocks_without_any_header_are_told_apart_by_comments(tmp_path):

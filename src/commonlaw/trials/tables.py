@@ -23,6 +23,7 @@ from commonlaw.trials.dates import (
     with_dates_as_times,
 )
 from commonlaw.trials.headers import joined_units, known_unit, label, split_header
+from commonlaw.trials.layouts.blocks import BLOCK
 from commonlaw.trials.layouts.columns import table_in_columns
 from commonlaw.trials.layouts.stacking import quantified, stacked
 from commonlaw.trials.nonmem import doses_of, with_records
@@ -337,7 +338,14 @@ def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, Co
 
     If its columns were times, it has a row for each cell.
     """
-    reading = cast(Reading, {**table.roles, **checked(roles)})
+    asked = checked(roles)
+    if (
+        asked.get("restarts") == "trials"
+        and table.roles.get("object") == BLOCK
+        and not asked.keys() & {"object", "trial"}
+    ):
+        asked |= {"object": "", "trial": BLOCK}
+    reading = cast(Reading, {**table.roles, **asked})
     table = with_numbers(table, notation_of(reading))
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))

@@ -18,6 +18,8 @@ from commonlaw.trials.reading import READ_AS, WrittenReading
 from commonlaw.trials.recognition import is_time_header
 from commonlaw.trials.rows import Layout, Row, is_value, layout_of
 
+BLOCK = "block"
+"""The column that names blocks, if these are objects."""
 _FIRST_ROWS = 100
 """Among which the header stands."""
 _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d\d(?:[.,]\d+)?)")
@@ -67,7 +69,7 @@ def blocks(grid: Grid) -> Table | None:
     names = titles if is_named else [str(number + 1) for number in range(len(made))]
     labels = {} if len(made) < 2 or _is_labelled(columns, made) else labels_of(names)
     if "trial" not in labels:
-        labels = {"block": names} if labels else {}
+        labels = {BLOCK: names} if labels else {}
     if not labels and not is_again and len(made) > 1 and not any(map(_is_title, grid.rows)):
         return None
     sizes = [len(block.body) for block in made]
@@ -79,9 +81,9 @@ def blocks(grid: Grid) -> Table | None:
     remarks = [text for text in remarks if not is_named or text[1:-1] not in titles]
     facts = (f"left out around the blocks: {shown(remarks)}",) if remarks else ()
     note = f"{READ_AS}{counted(len(made), 'block')} of rows"
-    if "block" in labels:
-        note += f", each an object: {', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
-        note += "; if they are trials of one, say `object=''` and `trial='block'`"
+    if BLOCK in labels:
+        note += f", an object each: {', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+        note += "; with `restarts='trials'` they are trials of one"
     roles: WrittenReading = {"object": next(iter(labels))} if labels else {}
     return replace(table, facts=facts, roles=roles, notes=(note,))
 
