@@ -197,3 +197,14 @@ def test_a_cell_without_a_number_is_refused_with_its_place(tmp_path):
     with refused("cell-unreadable", cell="OVER", where="plate.csv: column 'B1', column 7"):
         Trials.read(path)
     assert len(Trials.read(path, missing="OVER").select(object="B1")[0].times) == 6
+
+
+@pytest.mark.parametrize("by_time", [False, True])
+@pytest.mark.parametrize("objects", [("P0", "P1", "P2"), ("A1", "A2"), ("X1", "B1")])
+def test_objects_that_are_called_as_wells_do_not_make_a_long_table_a_plate(tmp_path, objects, by_time):
+    rows = [[name, t, 5.0 + t + i, 20.0 + 2 * t + i] for i, name in enumerate(objects) for t in range(2, 8)]
+    rows = sorted(rows, key=lambda row: row[1]) if by_time else rows
+    (tmp_path / "pairs.csv").write_text(lines([["object", "t", "x", "y"], *rows]))
+    trials = Trials.read(tmp_path / "pairs.csv")
+    assert (trials.objects, trials.schema.states) == (objects, ("x", "y"))
+    assert [trial.times.tolist() for trial in trials] == [list(range(2, 8))] * len(objects)

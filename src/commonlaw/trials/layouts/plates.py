@@ -22,6 +22,8 @@ from commonlaw.trials.rows import Row, is_value
 
 _WELL = re.compile(r"[A-P]0?(?:[1-9]|1\d|2[0-4])")
 """Of a plate of up to 384 wells."""
+_LABEL = re.compile(r"[A-Za-z]\d+")
+"""Such as of a well, or of an object next to one: P0."""
 _CLOCK = re.compile(r"(?:\d+ days?,? ?)?\d{1,4}:\d\d(?::\d\d(?:[.,]\d+)?)?")
 _IN_WORDS = re.compile(r"(\d+) ?h (\d+) ?min(?: (\d+) ?s)?")
 """0 h 10 min."""
@@ -131,15 +133,18 @@ def _values(row: Row, left: int) -> int:
 def _wells_down(grid: Grid, begin: int, first: int, left: int) -> _Block | None:
     """Return the block whose first well is in a row and a column, None if no times stand above it.
 
-    It does not reach above the row `begin`.
+    It does not reach above the row `begin`. A well in several rows is an object of a long table.
     """
-    rows, last, top = grid.rows, first, first
-    while last + 1 < len(rows) and _WELL.fullmatch(_text(rows[last + 1].value(left))):
+    rows, last, top, wells = grid.rows, first, first, {_text(grid.rows[first].value(left))}
+    while last + 1 < len(rows) and _WELL.fullmatch(well := _text(rows[last + 1].value(left))):
+        if well in wells:
+            return None
+        wells.add(well)
         last += 1
     while top > begin and not rows[top - 1].is_blank:
         top -= 1
     times = next((i for i in reversed(range(top, first)) if _holds_times(rows[i], left, i == first - 1)), None)
-    if times is None or _WELL.fullmatch(head := _text(rows[times].value(left))):
+    if times is None or _LABEL.fullmatch(head := _text(rows[times].value(left))):
         return None
     while top < times and _values(rows[top], left) < _MIN_TIMES:
         top += 1
