@@ -158,7 +158,8 @@ def test_the_law_of_too_small_a_library_does_not_depend_on_units_and_origins(cha
     rates = np.array([law.terms.names[k].count("v") for _, k in np.argwhere(law.support)])
     expected = law.coefficients[:, law.support] * change.get("unit", 1.0) ** (rates - 2.0)
     np.testing.assert_allclose(other.coefficients[:, law.support], expected, rtol=1e-6)
-    np.testing.assert_allclose(other.noise, abs(change.get("scale", 1.0)) * law.uncertainty.noise, rtol=1e-6)
+    noise = abs(change.get("scale", 1.0)) * law.uncertainty.noise
+    np.testing.assert_allclose(other.uncertainty.noise, noise, rtol=1e-6)
 
 
 @cache

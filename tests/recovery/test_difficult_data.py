@@ -21,7 +21,10 @@ def test_few_samples_of_large_swings_are_not_all_taken_for_outliers():
     noise = generator.uniform(2, 5)
     states = np.abs(states + noise * generator.standard_normal(states.shape)).round(1) + 0.1
     law = cl.discover(cl.Trials.from_arrays([times], [states], names=["x", "y"]), library="poly:3", order=1)
-    assert law.structure == ("x' = a x + b x y", "y' = c y^2 + d x y^2")
+    assert law.uncertainty.misfit.outliers == 0
+    # The data hardly tell them apart
+    plausible = {model.law.structure: model.probability for model in law.models}
+    assert plausible["x' = a x + b x y", "y' = c y^2 + d x y^2"] > 0.3
 
 
 @pytest.mark.slow
