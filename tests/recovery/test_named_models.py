@@ -42,6 +42,7 @@ SIMULATED = {
     "free-fall-with-quadratic-drag": ([20.0, 0.0], {"g": 9.8, "c": 0.2}, 3),
     "free-fall-with-linear-and-quadratic-drag": ([0.0, 60.0], {"g": 9.8, "c": 1.0, "d": 0.1}, 8),
     "falling-speed": ([1.0], {"g": 9.8, "c": 0.2}, 2),
+    "falling-speed-with-linear-drag": ([1.0], {"g": 9.8, "c": 0.5}, 4),
     "van-der-pol": ([1.0, 0.0], {"m": 1.0, "k": 1.0}, 15),
     "duffing": ([1.0, 0.0], {"a": 1.0, "b": 2.0, "c": 0.1}, 10),
     "lorenz": ([1.0, 2.0, 20.0], {"s": 10.0, "r": 28.0, "b": 2.6}, 3),

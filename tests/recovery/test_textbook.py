@@ -102,6 +102,8 @@ def test_an_epidemic_whose_rates_agree_is_sir():
     assert nearest.models[0].without_bounds[0] == "healthy' = -b healthy ill"
     assert -10 < nearest.evidence < 0  # One parameter less
     assert not nearest.is_chosen
+    assert nearest.has_same_terms
+    assert "its relations between coefficients are more probable" in str(nearest)
     assert outcomes_of_textbook(law, trials) == ()  # Of the same terms
 
 
@@ -202,3 +204,16 @@ def test_a_named_model_that_is_more_probable_comes_first_in_a_pool(wrong, better
     assert [name for name, inside in zip(names, best.supports[0], strict=True) if inside] == (
         ["x", "v"] if better else wrong
     )
+
+
+def test_a_column_with_the_usual_name_of_a_rate_is_a_state_of_named_models():
+    times, random = np.linspace(0, 6, 60), np.random.default_rng(4)
+    volts = [
+        np.exp(-0.2 * times) * start * np.cos(2 * times) + 0.01 * random.standard_normal(60) for start in (1.0, 0.6)
+    ]
+    trials = cl.Trials.from_arrays([times] * 2, volts, object=["a", "a"], names=["v"])
+    law = cl.discover(trials, order=2, library="poly:2")
+    named = law.textbook(trials)
+    assert named.is_chosen
+    assert "damped-oscillator" in [model.name for model in named.models]
+    assert named.models[0].equations.startswith("v'' = -k `v` - c v'")

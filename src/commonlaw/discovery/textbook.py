@@ -16,7 +16,7 @@ from commonlaw.discovery.orders import attempt_each
 from commonlaw.discrepancy.residual_tests import Residuals
 from commonlaw.discrepancy.residuals import untested
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import law_variables
+from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.inference import settings
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law
@@ -117,6 +117,8 @@ class TextbookLaw(ShownInNotebooks):
         The forecast assessments of it and of the chosen law.
     residuals
         Of its trajectories and of those of the chosen law, both over the noise by the latter.
+    has_same_terms
+        Whether it has the terms of the chosen law, if need be with relations between their coefficients.
     """
 
     models: tuple[NamedModel, ...]
@@ -125,6 +127,7 @@ class TextbookLaw(ShownInNotebooks):
     evidence: float
     verdicts: tuple[LawVerdict, LawVerdict]
     residuals: tuple[Residuals, Residuals]
+    has_same_terms: bool
 
     @property
     def title(self) -> str:
@@ -168,8 +171,13 @@ class TextbookLaw(ShownInNotebooks):
 
     def __str__(self) -> str:
         title, equations = self.title, "; ".join(self.models[0].without_bounds)
-        if self.is_chosen:
-            return f"This is a textbook law: {title}, {equations} ({self.models[0].source})."
+        if self.has_same_terms:
+            known = f"This is a textbook law: {title}, {equations} ({self.models[0].source})"
+            if self.is_chosen:
+                return f"{known}."
+            probable = "less" if self.evidence > 0 else "more"
+            size = f"2 log B = {_rounded(abs(self.evidence))}"
+            return f"{known}; its relations between coefficients are {probable} probable than none ({size})."
         return f"Nearest textbook law: {title}, {equations}. {'; '.join(self._sentences())}."
 
     def _sentences(self) -> Iterator[str]:
@@ -219,13 +227,15 @@ def _unexplained(residuals: Residuals, j: int, schema: Schema) -> Unexplained:
 class _Nearest(NamedTuple):
     """Named models with the same terms, 2 log B of the law against them, and whether the law is this model.
 
-    `fitted` is the first of them as a law under white noise, if it was fitted so.
+    They `have_same_terms` if these are those of the law. `fitted` is the first of them as a law under white noise, if
+    it was fitted so.
     """
 
     models: tuple[NamedModel, ...]
     evidence: float
     is_law: bool = False
     fitted: Law | None = None
+    have_same_terms: bool = False
 
 
 def nearest_textbook_law(
@@ -257,6 +267,7 @@ def nearest_textbook_law(
         evidence=nearest.evidence,
         verdicts=(of_named, verdict),
         residuals=(residuals[0], residuals[1]),
+        has_same_terms=nearest.is_law or nearest.have_same_terms,
     )
 
 
@@ -416,7 +427,11 @@ def _candidates(law: Law) -> dict[_Places, list[_Candidate]]:
         free = {name: new for name, new in free.items() if new != name}
         for columns in product(permutations(schema.states), permutations(inputs, len(model.inputs))):
             names = dict(zip((*model.states, *model.inputs), chain(*columns), strict=True))
-            over, has_names = model.over(names | free), all(name == column for name, column in names.items())
+            has_names = all(name == column for name, column in names.items())
+            over = model.over(names | free)
+            for column in {*names.values()} & {*plain_rates(schema)} if law.order == 2 else ():
+                # No rate, though it has the usual name of one
+                over = replace(over, equations=re.sub(rf"\b{column}\b(?!')", f"`{column}`", over.equations))
             given = read_equations(over.equations, schema)
             has_names = has_names and not {*names} <= {"x", "y", "z"}
             candidate = _Candidate(over, entries_of(given), given.bounds, has_names)
@@ -426,9 +441,11 @@ def _candidates(law: Law) -> dict[_Places, list[_Candidate]]:
 
 def _of_terms(law: Law, candidates: Mapping[_Places, Sequence[_Candidate]]) -> list[_Candidate]:
     """Return the named models that have the terms and signs of a law."""
-    terms = law.terms
-    places = frozenset((j, terms.terms[k]) for j, k in np.argwhere(law.support & terms.is_factor).tolist())
-    return _of_signs(candidates.get(places, []), law.coefficients, terms)
+    return _of_signs(candidates.get(_places_of(law), []), law.coefficients, law.terms)
+
+
+def _places_of(law: Law) -> _Places:
+    return frozenset((j, law.terms.terms[k]) for j, k in np.argwhere(law.support & law.terms.is_factor).tolist())
 
 
 @cache
@@ -513,7 +530,9 @@ def _nearest(law: Law, trials: Trials, most: float = np.inf) -> _Nearest | None:
         if of_law is not None and models:
             under_white_noise = None if alike[0].is_free else law_of_model
             models_of_terms = tuple(candidate.model for candidate in models)
-            best.append(_Nearest(models_of_terms, score_of_fit(done) - of_law, fitted=under_white_noise))
+            is_same = alike[0].places == _places_of(law)
+            above = score_of_fit(done) - of_law
+            best.append(_Nearest(models_of_terms, above, fitted=under_white_noise, have_same_terms=is_same))
     nearest = min(best, key=lambda nearest: nearest.evidence, default=None)
     return nearest if nearest is not None and nearest.evidence <= most else None
 
