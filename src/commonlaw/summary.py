@@ -91,6 +91,9 @@ class Summary:
             what = f"Forecasts of {counted(len(curves.trials), 'held-out trial')}"
         else:
             what = f"Forecasts of {number}{learned}{', later samples included' * findings.has_later_samples}"
+        misfit = self.law.uncertainty.misfit
+        if learned and misfit is not None and misfit.outliers:
+            what += f", {counted(misfit.outliers, 'outlier')} included"
         begin = curves.title.removeprefix("forecast").removeprefix("fit")
         numbers = [r_squared(score)] if np.isfinite(score := curves.score()) else []
         if curves.is_fit and not curves.outcomes:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.diagnostics import OutcomeKind, marked
-from commonlaw.differentiation import noise_degrees_of_freedom, noise_level, outliers_among
+from commonlaw.differentiation import noise_degrees_of_freedom, noise_level, outliers_among, outliers_of_window
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.forecast import variation
@@ -237,17 +237,22 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
 def _without_outliers(law: Law, trial: Trial, errors: pd.DataFrame) -> Floats:
     """Return the measurements of a trial, shape (n, states), NaN for outliers beyond the noise of the law's forecasts.
 
-    By differences of the measurements, so that nothing that a law misses is one; none where outliers are most, and of
-    least squares.
+    By differences of the measurements, so that nothing that a law misses is one. Of a law whose fit has outliers these
+    may be many, or near an end: there are also those whose errors do not fit in with the errors of their neighbours.
+    None where outliers are most, and of least squares.
     """
-    values = trial.states.copy()
+    values, misfit = trial.states.copy(), law.uncertainty.misfit
     if law.uncertainty.huber_threshold == np.inf:
         return values
     for j in errors["state"].astype(int).unique().tolist():
-        seen, noise = np.isfinite(trial.states[:, j]), float(errors.loc[errors["state"] == j, "noise"].median())
-        far = outliers_among(trial.times[seen], trial.states[seen, j], noise)
-        if 2 * far.sum() < len(far):
-            values[np.flatnonzero(seen)[far], j] = np.nan
+        of_state, seen = errors[errors["state"] == j], np.isfinite(trial.states[:, j])
+        noise, far = float(of_state["noise"].median()), np.zeros(len(seen), dtype=np.bool_)
+        far[seen] = outliers_among(trial.times[seen], trial.states[seen, j], noise)
+        for _, forecast in of_state.groupby("segment") if misfit is not None and misfit.outliers else ():
+            rows, sizes = forecast[["row", "error"]].to_numpy().T
+            far[rows.astype(int)] |= outliers_of_window(sizes, noise)
+        if 2 * far.sum() < seen.sum():
+            values[far, j] = np.nan
     return values
 
 

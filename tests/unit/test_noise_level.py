@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.differentiation.noise import _covariance, differences, noise_level, outliers_among, rounding_noise
+from commonlaw.differentiation.noise import (
+    _covariance,
+    differences,
+    noise_level,
+    outliers_among,
+    outliers_of_window,
+    rounding_noise,
+)
 from commonlaw.formulation import law_variables
 from commonlaw.inference.fit.problem import prepare
 from tests.refusals import message, refused
@@ -177,3 +184,15 @@ def test_outliers_are_found_by_differences_of_measurements_alone():
     assert not outliers_among(times, values, 1.0).any()
     assert not outliers_among(times[:7], values[:7], 0.05).any()
     assert not outliers_among(times, np.sin(300 * times), 0.0).any()
+
+
+def test_values_far_from_their_neighbours_are_found_at_the_ends_and_side_by_side():
+    values = 0.1 * np.random.default_rng(4).standard_normal(60) + np.linspace(0, 5, 60)
+    far = [0, 20, 21, 40, 59]
+    values[far] += 3, 3, -3, -3, 3
+    assert np.flatnonzero(outliers_of_window(values, 0.1)).tolist() == far
+    assert not outliers_of_window(values, 1.0).any()
+    assert not outliers_of_window(values[:7], 0.1).any()
+    # An error that swings, and one that ends in a divergence
+    assert not outliers_of_window(5 * np.sin(np.arange(60) / 2), 0.1).any()
+    assert not outliers_of_window(np.append(np.linspace(0, 5, 56), [np.inf] * 4), 0.1).any()

@@ -148,6 +148,24 @@ def test_outliers_of_held_out_trials_do_not_count():
     assert every.error > 2 * verdict.error
 
 
+def test_many_outliers_of_a_law_that_knows_of_them_do_not_count_wherever_they_are():
+    times, random = np.linspace(0, 8, 80), np.random.default_rng(5)
+    clean = [20 + (start - 20) * np.exp(-0.5 * times) + 0.1 * random.standard_normal(80) for start in (80, 60, 45)]
+    far = random.random((3, 80)) < 0.12
+    far[:, [0, 40, 41, 77, 79]] = True, True, True, False, True
+    curves = [curve + 12 * random.standard_normal(80) * rows for curve, rows in zip(clean, far, strict=True)]
+    trials = cl.Trials.from_arrays([times] * 3, curves, object="o", trial=["1", "2", "3"], names=["T"])
+    law = cl.fit("T' = a - k T", trials)
+    verdict = law.assess(trials)
+    assert abs(verdict.outliers - far.sum()) < 0.35 * far.sum()  # Some are small
+    assert verdict.horizon == verdict.longest
+    assert verdict.error < 0.02
+    # What a law misses is no outlier
+    missed = cl.fit("T' = -k T", trials).assess(trials)
+    assert missed.outliers <= verdict.outliers + 2
+    assert missed.error > 5 * verdict.error
+
+
 def test_rough_forecasts_are_better_than_none():
     times = np.linspace(0, 10, 41)
     trials = cl.Trials.from_arrays(times, 3 * times + 8 * (times > 0))  # A jump after the first sample

@@ -16,6 +16,7 @@ from commonlaw.differentiation.noise import (
     noise_level,
     noise_order,
     outliers_among,
+    outliers_of_window,
     without_outliers,
 )
 from commonlaw.differentiation.penalized import SmoothingSpline, TotalVariationDerivative
@@ -48,6 +49,7 @@ __all__ = [
     "noise_level",
     "noise_order",
     "outliers_among",
+    "outliers_of_window",
     "parse_differentiation",
     "without_outliers",
 ]

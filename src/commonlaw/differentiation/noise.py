@@ -18,6 +18,8 @@ _MAX_ORDER = 10
 """The highest order of differences."""
 OUTLIER_THRESHOLD = 4.0
 """Standard deviations beyond which a value, or a difference that it is in, is an outlier."""
+_WINDOW = 11
+"""Values of a series among which one is an outlier."""
 
 MEDIAN_SIZE = NormalDist().inv_cdf(0.75)
 """The median size of a standard normal variable."""
@@ -152,6 +154,24 @@ def outliers_among(times: Floats, values: Floats, least: float) -> Bools:
     peaks = _outliers(columns[:, 0], order)[1] & (np.abs(columns[:, 0]) > OUTLIER_THRESHOLD * least)
     result[order // 2 : order // 2 + len(peaks)] = peaks
     return result
+
+
+def outliers_of_window(values: Floats, least: float) -> Bools:
+    """Return which values of a series, shape (n,), lie far from the median of the eleven around them (Hampel 1974).
+
+    By four standard deviations, which are those that the median distance in this window shows, and of at `least` a
+    given size. There are none among fewer than 8 values, nor where values are infinite.
+    """
+    if len(values) < MIN_SAMPLES:
+        return np.zeros(len(values), dtype=np.bool_)
+    size = min(_WINDOW, len(values))
+    begins = np.clip(np.arange(len(values)) - size // 2, 0, len(values) - size)
+    windows = values[begins[:, np.newaxis] + np.arange(size)]
+    with np.errstate(invalid="ignore"):
+        middles = np.median(windows, axis=1)
+        scales = np.median(np.abs(windows - middles[:, np.newaxis]), axis=1) / MEDIAN_SIZE
+        far = np.abs(values - middles) > OUTLIER_THRESHOLD * np.maximum(scales, least)
+    return np.asarray(far & np.isfinite(values))
 
 
 def _outliers(differences: Floats, order: int) -> tuple[Bools, Bools]:
