@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 
 import commonlaw as cl
 from commonlaw.inference.search.setup import supported_interpolation
@@ -128,10 +129,29 @@ def test_samples_of_inputs_show_whether_these_are_smooth(inputs, expected, times
         (NOISE, []),
         (np.cumsum(NOISE), []),
         (np.exp(-(((TIMES - 8.1) / 0.3) ** 2)), []),  # A pulse of a few samples
-        ((TIMES > 8.1) & (TIMES < 8.8), []),  # Too short to be fitted apart from the rest
+        (WAVE + 2.0 * ((TIMES > 8.1) & (TIMES < 8.8)), []),  # Too short to stand out of a wave
+        ((TIMES > 8.1) & (TIMES < 8.8), [32, 35]),  # Of an input with levels it is not
+        ((TIMES < 0.1) + ((TIMES > 8.1) & (TIMES < 8.3)) - 1.0 * (TIMES > 19.8), [0, 32, 33, 79]),
+        ((TIMES > 8.1) * np.minimum(TIMES - 8.1, 0.7), []),  # A ramp
+        (np.floor(2 * TIMES) % 2, []),  # Too many: no curve is left between them
         (np.tanh((TIMES - 8.1) / 0.3), []),
     ],
-    ids=["step", "wave", "noise", "saw", "kinks", "white", "walk", "pulse", "short", "smooth"],
+    ids=[
+        "step",
+        "wave",
+        "noise",
+        "saw",
+        "kinks",
+        "white",
+        "walk",
+        "pulse",
+        "in-wave",
+        "short",
+        "near",
+        "ramp",
+        "many",
+        "smooth",
+    ],
 )
 def test_intervals_in_which_an_input_jumps_are_recognized(values, expected):
     column = np.asarray(values, dtype=float)[:, np.newaxis]
@@ -178,6 +198,28 @@ def test_an_input_that_jumps_between_samples_does_so_when_the_measurements_say()
     lines = cl.fit("x' = g u - k x", trials, input_interpolation="linear")  # As asked for
     assert "jumps" not in [step.stage for step in lines.history]
     assert "inputs-jump" in [n.code for n in cl.fit("x' = g u - k x; x(0) = a", trials).diagnostics]
+
+
+def test_pulses_of_a_heater_beside_a_smooth_input_leave_no_error_to_the_law():
+    """T' = -0.13 (T - outside) + 0.8 power, switched between samples, at times one or two samples apart."""
+    times, random, rate = np.arange(0, 40, 0.25), np.random.default_rng(11), 0.13
+    states, inputs = [], []
+    for _ in range(3):
+        edges = np.sort(np.append(random.uniform(0, 40, 6), [0.1, 20.1, 20.4]))
+        fine = np.linspace(0, 40, 32001)
+        outside, power = 5 + 5 * np.sin(fine / 4 + random.uniform(0, 6)), 3.0 * (np.searchsorted(edges, fine) % 2)
+        step = fine[1] - fine[0]
+        heat = lfilter([1], [1, -np.exp(-rate * step)], (rate * outside + 0.8 * power) * step)
+        curve = 18 * np.exp(-rate * fine) + heat
+        states.append(curve[::200][:160] + 0.1 * random.standard_normal(160))
+        inputs.append(np.column_stack([outside, power])[::200][:160].round(2))
+    trials = cl.Trials.from_arrays([times] * 3, states, inputs=inputs, names=["T", "outside", "power"])
+    law = cl.discover(trials)
+    assert law.structure == ("T' = a T + b outside + c power",)
+    assert law.schema.input_interpolation == "jumps"
+    assert law.uncertainty.error_model.kind == "white"
+    errors = law.params["standard error"].to_numpy()
+    assert np.all(abs(law.params["estimate"].to_numpy() - [-0.13, 0.13, 0.8]) < 3 * errors)
 
 
 @pytest.mark.parametrize("time", [5.01, 5.09, 5.24])

@@ -202,7 +202,7 @@ def test_a_cell_without_a_number_is_refused_with_its_place(tmp_path):
 @pytest.mark.parametrize("by_time", [False, True])
 @pytest.mark.parametrize("objects", [("P0", "P1", "P2"), ("A1", "A2"), ("X1", "B1")])
 def test_objects_that_are_called_as_wells_do_not_make_a_long_table_a_plate(tmp_path, objects, by_time):
-    rows = [[name, t, 5.0 + t + i, 20.0 + 2 * t + i] for i, name in enumerate(objects) for t in range(2, 8)]
+    rows = [[name, t, 0.5 * t**2 + i + 3, 20.0 + 2 * t**2 + i] for i, name in enumerate(objects) for t in range(2, 8)]
     rows = sorted(rows, key=lambda row: row[1]) if by_time else rows
     (tmp_path / "pairs.csv").write_text(lines([["object", "t", "x", "y"], *rows]))
     trials = Trials.read(tmp_path / "pairs.csv")

@@ -32,8 +32,9 @@ def jumps(times: Floats, values: Floats) -> Bools:
 
     There, the slope is more than twice those of the two intervals on either side, and the input changes by more than
     their slopes explain: by `_FAR` times as much as in the second and third interval on either side, and by `_RARE`
-    standard deviations. So there are at least five samples from one jump to the next, and kinks are none. Intervals of
-    less than half the median step are ramps that were recorded as such.
+    standard deviations. So there are at least five samples from one jump to the next, and kinks are none. Of a switched
+    input, which is constant in most intervals, every change jumps that no neighbour continues, unless these are more
+    than a fifth of the intervals. Intervals of less than half the median step are ramps that were recorded as such.
     """
     steps, jump = np.diff(times)[:, np.newaxis], np.zeros((max(len(times) - 1, 0), values.shape[1]), dtype=np.bool_)
     if len(steps) < 7:
@@ -47,6 +48,9 @@ def jumps(times: Floats, values: Floats) -> Bools:
     spread = 1.4826 * np.median(unexplained[1:-1], axis=0)
     least = np.maximum(_FAR * nearby, np.maximum(_RARE * spread, np.sqrt(np.finfo(float).eps) * np.ptp(values, axis=0)))
     jump[middle] = (size[middle] > 2 * around) & (unexplained[middle] > least)
+    signs = np.pad(np.sign(slopes), ((1, 1), (0, 0)))
+    alone = (signs[1:-1] != 0) & (signs[:-2] != signs[1:-1]) & (signs[2:] != signs[1:-1])
+    jump |= alone & (2 * np.sum(signs != 0, axis=0) < len(steps)) & (5 * np.sum(alone, axis=0) <= len(steps))
     return jump & (steps >= np.median(steps) / 2)
 
 
@@ -95,6 +99,7 @@ class Inputs:
             last = np.flatnonzero(jump[:, j])
             for rows in np.split(np.arange(len(times)), last + 1):
                 coefficients[rows, :, j] = _pieces(times[rows], values[rows, j : j + 1], between)[:, :, 0]
+            last = last[np.diff(last, prepend=-1) > 1]  # After a single sample its value goes on
             coefficients[last, :, j] = _shifted(coefficients[last - 1, :, j].T, steps[last - 1]).T
         at = np.flatnonzero(jump.any(axis=1))
         half = steps[at, np.newaxis] / 2

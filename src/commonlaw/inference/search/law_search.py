@@ -130,7 +130,8 @@ def choose_interpolation(
     `begin` searches for supports (`search_supports`) or fits given terms (`fit_terms`). Interpolations are compared if
     `input_interpolation` is ``"auto"``. That of the trials is kept unless the evidence for another one, for the same
     supports, is strong and, if plain terms have already chosen it (`is_chosen`), the law has no lack of fit under the
-    other.
+    other. With jumps nothing is assumed of the input within their intervals: a law that has no model error with them
+    is not given one by another interpolation.
 
     Raises `CommonlawError` if the likelihood cannot be computed.
     """
@@ -145,6 +146,8 @@ def choose_interpolation(
         problem = fit.problem.interpolated(with_interpolation(trials, between))
         rival = fit_supports(problem, fit.supports, ALL_MODEL_ERRORS)
         gain = fit.score - rival.score
+        if before == "jumps" and rival.has_model_error > fit.has_model_error:
+            continue
         if gain > settings.STRONG and not (is_chosen and rival.lack_of_fit):
             gains[between] = gain
     if not gains:
