@@ -83,7 +83,7 @@ def test_the_probability_is_that_of_two_laws_against_one():
         structure = ModelStructure(1, cl.library.PolynomialLibrary(degree), possible=((1,),))
         return some.plain(structure, is_coarse=True)
 
-    candidate = with_objects_apart(found(search), search, found)
+    candidate = with_objects_apart(found(search), search, found, is_plain=True)
     assert candidate.apart is not None
     (stray,) = candidate.apart.objects
     own = search.of_objects(["cup 5"])
@@ -184,7 +184,7 @@ def test_errors_of_a_coarse_mesh_are_no_reason():
 
     candidate = found(search)
     assert suspects(candidate.pool, excluded=0)
-    assert with_objects_apart(candidate, search, found).apart is None
+    assert with_objects_apart(candidate, search, found, is_plain=True).apart is None
 
 
 def test_an_object_in_other_units_is_named_with_the_factor():
@@ -198,6 +198,32 @@ def test_an_object_in_other_units_is_named_with_the_factor():
     (stray,) = (outcome for outcome in law.diagnostics if outcome.where == "d")
     assert stray.code == "strange-object-units"
     assert "1000 times" in str(stray)
+
+
+def test_pendulums_of_which_one_is_in_degrees_have_the_sine_of_the_others():
+    """By cubic terms all have one law, as these take any unit."""
+    random, times, tables = np.random.default_rng(2), np.linspace(0, 6, 100), list[np.ndarray]()
+    for squared, start in ((19.6, 1.9), (14.7, 1.2), (12.0, 2.2), (9.8, 1.0), (8.6, 2.0)):
+
+        def rates(_, z, squared=squared):
+            return [z[1], -squared * np.sin(z[0]) - 0.15 * z[1]]
+
+        x = solve_ivp(rates, (0, 6), [start, 0.0], t_eval=times, rtol=1e-9).y[:1].T
+        tables.append(x + 0.01 * random.standard_normal(x.shape))
+    tables[2] = np.degrees(tables[2])
+    law = cl.discover(cl.Trials.from_arrays([times] * 5, tables, object=list("abcde"), names=["angle"]))
+    assert law.structure == ("angle'' = a v + b sin(angle)",)
+    assert law.provenance.domain.strange == ("c",)
+    assert "strange-object-units" in [outcome.code for outcome in law.diagnostics]
+
+
+def test_noise_that_grows_with_the_value_is_no_sign_of_other_units():
+    random, times, tables = np.random.default_rng(0), np.arange(0, 20, 0.5), list[np.ndarray]()
+    for rate, most in ((0.4, 100), (0.5, 120), (0.6, 90), (0.7, 110), (0.5, 1000)):
+        exact = most / (1 + (1 / random.uniform(0.03, 0.15) - 1) * np.exp(-rate * times))
+        tables.append(exact * (1 + 0.05 * random.standard_normal(40)))
+    law = cl.discover(cl.Trials.from_arrays([times] * 5, tables, object=list("abcde"), names=["N"]), order=1)
+    assert (law.structure, law.objects) == (("N' = a N + b N^2",), tuple("abcde"))
 
 
 def test_noise_that_outliers_alone_scatter_is_one_noise():

@@ -1,7 +1,7 @@
 """Notes on alternatives to a law: rivals and discriminating experiments, confounded variables, discrete time."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
@@ -238,29 +238,23 @@ def outcomes_of_units(law: Law, trials: Trials) -> tuple[Outcome, ...]:
 
 def _outcomes_of_columns(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """Return a note for each column whose values and noise differ in one object by the same factor."""
-    errors, noise, result = law.uncertainty.error_model, law.uncertainty.noise, list[Outcome]()
+    errors, noise, schema = law.uncertainty.error_model, law.uncertainty.noise, law.observation.measured
     if not errors.by_object or noise is None:
         return ()
-    levels = np.log([errors.noise_of(name, noise) for name in law.objects])
-    groups = [np.concatenate([trial.states for trial in trials.of_object(name)]) for name in law.objects]
-    for j, column in enumerate(law.observation.measured.states):
-        if column in law.observation.measured.logarithmic or column in law.schema.initial_values:
-            continue
-        seen = [group[np.isfinite(group[:, j]), j] for group in groups]
-        if not all(len(values) and values.any() for values in seen):
-            continue
-        sizes = np.log([float(np.mean(values**2)) for values in seen]) / 2
-        of_noise = unit_ratio(levels[:, j], np.array([(2 * len(values)) ** -0.5 for values in seen]))
-        of_values = unit_ratio(sizes, np.zeros(len(seen)))
-        if of_noise is None or of_values is None or of_noise.object != of_values.object:
-            continue
-        factors = [f"{factor:.4g}" for factor in of_values.factors if factor in of_noise.factors]
-        if factors:
-            where, ratio = law.objects[of_values.object], of_values.ratio
-            result.append(
-                note("column-in-other-units", where, column=column, ratio=ratio, factors=" or ".join(factors))
-            )
-    return tuple(result)
+    levels = {name: errors.noise_of(name, noise) for name in law.objects}
+    left_out = (*schema.logarithmic, *schema.initial_values)
+    columns = ((name, j) for j, name in enumerate(schema.states) if name not in left_out)
+    found = [(name, ratio) for name, j in columns if (ratio := column_in_other_units(trials, j, levels))]
+    return tuple(
+        note(
+            "column-in-other-units",
+            law.objects[of_one.object],
+            column=name,
+            ratio=of_one.ratio,
+            factors=of_one.in_words,
+        )
+        for name, of_one in found
+    )
 
 
 def _outcomes_of_offsets(trials: Trials) -> Iterator[Outcome]:
@@ -293,6 +287,30 @@ class UnitRatio(NamedTuple):
     object: int
     ratio: float
     factors: list[float]
+
+    @property
+    def in_words(self) -> str:
+        """The factors."""
+        return " or ".join(f"{factor:.4g}" for factor in self.factors)
+
+
+def column_in_other_units(trials: Trials, column: int, noise: Mapping[str, Floats]) -> UnitRatio | None:
+    """Return the object whose values and noise of a state differ from those of all others by the same factors.
+
+    `noise` is that of the states of each object to compare, shape (states,); the index is that of an object in it.
+    """
+    groups = [np.concatenate([trial.states[:, column] for trial in trials.of_object(name)]) for name in noise]
+    seen = [group[np.isfinite(group)] for group in groups]
+    levels = np.array([level[column] for level in noise.values()])
+    if not all(len(values) and values.any() for values in seen) or not np.all(levels > 0):
+        return None
+    sizes = np.log([float(np.mean(values**2)) for values in seen]) / 2
+    of_noise = unit_ratio(np.log(levels), np.array([(2 * len(values)) ** -0.5 for values in seen]))
+    of_values = unit_ratio(sizes, np.zeros(len(seen)))
+    if of_noise is None or of_values is None or of_noise.object != of_values.object:
+        return None
+    factors = [factor for factor in of_values.factors if factor in of_noise.factors]
+    return of_values._replace(factors=factors) if factors else None
 
 
 def unit_ratio(logarithms: Floats, errors: Floats) -> UnitRatio | None:

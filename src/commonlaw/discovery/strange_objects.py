@@ -15,7 +15,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.diagnostics import note
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
-from commonlaw.discovery.hints import kelvin_offset, unit_ratio
+from commonlaw.discovery.hints import column_in_other_units, kelvin_offset
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_solutions
@@ -25,7 +25,14 @@ from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.error_models import estimate_error_model, is_white
 from commonlaw.inference.search.setup import error_kinds
-from commonlaw.inference.search.strange_objects import Apart, Reason, StrangeObject, partition_penalty, suspects
+from commonlaw.inference.search.strange_objects import (
+    Apart,
+    Reason,
+    StrangeObject,
+    most_strange,
+    partition_penalty,
+    suspects,
+)
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.provenance import levels_in_words
 from commonlaw.likelihood import ERRORS, ByGroup
@@ -47,20 +54,26 @@ _CODES: Mapping[Reason, str] = {
 """The notes on strange objects, by the reason."""
 
 
-def with_objects_apart(candidate: Candidate, search: CandidateSearch, find: Find) -> Candidate:
+def with_objects_apart(candidate: Candidate, search: CandidateSearch, find: Find, *, is_plain: bool) -> Candidate:
     """Return a candidate with its strange objects apart, if these and a law of the others are more probable.
 
     Laws are compared on resolved meshes: errors of a coarse one are a misfit of those objects that change fastest.
+    Objects that may be in other units come first; others wait for richer terms then, if the law `is_plain`, as these
+    may hold in one unit only.
     """
-    if search.options.strange_objects == "keep" or not suspects(candidate.pool, len(search.strange)):
+    count, units = len(search.strange), in_other_units(candidate, len(search.strange))
+    if search.options.strange_objects == "keep" or not (units or suspects(candidate.pool, count)):
         return candidate
     try:
         fine = search.resolved(candidate)
-        names = suspects(fine.pool, len(search.strange)) if fine.pool.best.is_resolved else ()
-        apart = _apart(fine, names, search, lambda some: some.resolved(find(some))) if names else None
+        others = () if (units and is_plain) or not fine.pool.best.is_resolved else suspects(fine.pool, count)
+        for names in dict.fromkeys(names for names in (units, others) if names):
+            apart = _apart(fine, names, search, lambda some: some.resolved(find(some)))
+            if apart and apart.score < fine.score:
+                return replace(candidate, apart=apart)
     except CommonlawError:  # Too few samples for laws of their own
-        return candidate
-    return replace(candidate, apart=apart) if apart and apart.score < fine.score else candidate
+        pass
+    return candidate
 
 
 def _apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, find: Find) -> Apart | None:
@@ -162,20 +175,31 @@ def _in_other_units(trials: Trials, fit: Fit, others: Fit) -> str:
     if fit.has_process_noise:
         fit = fit_solutions(fit.problem.under_white_noise, fit.supports)
     residuals = residuals_by_group(others, "by-object")
-    of_others = np.log(np.maximum(residuals.squares, np.finfo(float).tiny) / np.maximum(residuals.freedom, 1.0)) / 2
+    squares = np.maximum(residuals.squares, np.finfo(float).tiny) / np.maximum(residuals.freedom, 1.0)
+    noise = dict(zip(names, [*np.sqrt(squares), fit.problem.noise], strict=True))
     for j, column in enumerate(trials.schema.states):
-        seen = [np.concatenate([trial.states[:, j] for trial in trials.of_object(name)]) for name in names]
-        sizes = np.array([np.log(np.nanmean(values**2)) / 2 for values in seen])
-        errors = np.array([(2 * np.isfinite(values).sum()) ** -0.5 for values in seen])
-        levels = np.append(of_others[:, j], np.log(fit.problem.noise[j]))
-        if offset := kelvin_offset(seen[-1], np.concatenate(seen[:-1]), trials.schema.units.get(column, "")):
+        *rest, last = [np.concatenate([trial.states[:, j] for trial in trials.of_object(name)]) for name in names]
+        if offset := kelvin_offset(last, np.concatenate(rest), trials.schema.units.get(column, "")):
             words.append(f"{column} is {offset:+g} apart, as kelvin from degrees Celsius")
-        of_noise, of_values = unit_ratio(levels, errors), unit_ratio(sizes, np.zeros(len(names)))
-        if of_noise and of_values and of_noise.object == of_values.object == len(names) - 1:
-            common = [f"{factor:.4g}" for factor in of_values.factors if factor in of_noise.factors]
-            if common:
-                words.append(f"{column} is about {' or '.join(common)} times as large")
+        ratio = column_in_other_units(trials, j, noise)
+        if ratio is not None and ratio.object == len(names) - 1:
+            words.append(f"{column} is about {ratio.in_words} times as large")
     return " and ".join(words)
+
+
+def in_other_units(candidate: Candidate, excluded: int) -> tuple[str, ...]:
+    """Return the few objects of which a column may be in other units, by its values and its noise that is by object.
+
+    Another factor of a column may hide the law of all, such as a sine. So many objects were `excluded` before.
+    """
+    problem = candidate.pool.best.problem
+    trials, errors = problem.trials, problem.errors
+    if not errors.by_object or len(trials.objects) + excluded < 4:
+        return ()
+    noise = {name: errors.noise_of(name, problem.noise) for name in trials.objects}
+    ratios = [column_in_other_units(trials, j, noise) for j in range(len(trials.schema.states))]
+    names = tuple({trials.objects[ratio.object]: None for ratio in ratios if ratio})
+    return names if len(names) + excluded <= most_strange(len(trials.objects) + excluded) else ()
 
 
 def _supports_in(problem: SearchProblem, others: Fit) -> Bools | None:

@@ -38,7 +38,12 @@ from commonlaw.discovery.orders import (
     search_orders,
     with_order_step,
 )
-from commonlaw.discovery.strange_objects import with_objects_apart, with_strange_objects, without_strange_objects
+from commonlaw.discovery.strange_objects import (
+    in_other_units,
+    with_objects_apart,
+    with_strange_objects,
+    without_strange_objects,
+)
 from commonlaw.discovery.textbook import with_textbook_laws
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine, settings
@@ -234,8 +239,8 @@ def _law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> La
         kept = replace(some, options=replace(some.options, strange_objects="keep"))
         return _candidates_of_orders(kept, structure).candidates[0]
 
-    if best.has_richer:
-        best = with_objects_apart(best, search, of_some)
+    if best.has_richer or in_other_units(best, len(search.strange)):
+        best = with_objects_apart(best, search, of_some, is_plain=False)
         if best.apart:
             return _law_of_best_order(search.without(best.apart.objects), structure)
     law, score = _law(search, best)
@@ -303,7 +308,7 @@ def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) ->
         is_coarse, plain = simple is not None or (is_first and len(possible) == 1), replace(structure, order=order)
         plain = replace(plain, library=library)
         candidate = search.plain(plain, is_coarse)
-        candidate = with_objects_apart(candidate, search, lambda some: some.plain(plain, is_coarse))
+        candidate = with_objects_apart(candidate, search, lambda some: some.plain(plain, is_coarse), is_plain=True)
         if is_first and not candidate.apart:
             candidate = search.of_higher_degree(candidate)
             if not (candidate.pool.best.lack_of_fit or candidate.is_simple):
