@@ -202,7 +202,7 @@ def test_an_object_in_other_units_is_named_with_the_factor():
 
 def test_pendulums_of_which_one_is_in_degrees_have_the_sine_of_the_others():
     """By cubic terms all have one law, as these take any unit."""
-    random, times, tables = np.random.default_rng(2), np.linspace(0, 6, 100), list[np.ndarray]()
+    random, times, tables = np.random.default_rng(3), np.linspace(0, 6, 100), list[np.ndarray]()
     for squared, start in ((19.6, 1.9), (14.7, 1.2), (12.0, 2.2), (9.8, 1.0), (8.6, 2.0)):
 
         def rates(_, z, squared=squared):
@@ -240,14 +240,14 @@ def test_noise_that_outliers_alone_scatter_is_one_noise():
 
 def test_under_a_limit_that_is_over_when_objects_are_left_out_the_law_is_that_of_the_others(strange, monkeypatch):
     trials, law = strange
-    seconds, without = [0.0], CandidateSearch.without
+    seconds, without = [0.0], CandidateSearch.without_strange_of
 
-    def late(search, objects):
+    def late(search, candidate):
         seconds[0] = 40.0
-        return without(search, objects)
+        return without(search, candidate)
 
     monkeypatch.setattr(estimator, "limit_of", lambda _: TimeLimit(60, clock=lambda: seconds[0]))
-    monkeypatch.setattr(CandidateSearch, "without", late)
+    monkeypatch.setattr(CandidateSearch, "without_strange_of", late)
     limited = cl.discover(trials, order=1, library="poly:2", cache=False)
     assert limited.provenance.is_stopped
     assert limited.objects == law.objects == trials.objects[:-1]

@@ -103,7 +103,7 @@ class Candidate:
 
     Trials are transformed by `transform_trials`. If the candidate `is_coarse`, only a coarse mesh was tried, on which
     the law has a model error. It `has_errors` if its error model was chosen, and it
-    `was_offered` richer terms if these were tried in place of a misfit. If it is less probable than a law of fewer
+    `was_offered` richer terms if these were tried in place of a misfit. If it is less probable than that `of_fewer`
     objects, the others are strange and `apart`.
     """
 
@@ -117,6 +117,7 @@ class Candidate:
     has_errors: bool = False
     was_offered: bool = False
     apart: Apart | None = None
+    of_fewer: "Candidate | None" = None
 
     def __lt__(self, other: "Candidate") -> bool:
         """Return whether the score is less: the best candidate is the least."""
@@ -226,12 +227,16 @@ class CandidateSearch:
         self.best.left_out += [what] if what else self.best.untried[:1]
         return otherwise
 
-    def without(self, strange: Sequence[StrangeObject]) -> "CandidateSearch":
-        """Return the search without strange objects, which begins again: the laws so far are of all objects."""
+    def without_strange_of(self, candidate: Candidate) -> "CandidateSearch":
+        """Return the search without the strange objects of a candidate, which begins again, with the law of fewer."""
+        strange = candidate.apart.objects if candidate.apart else ()
+        trials = without_objects(self.trials, tuple(stray.name for stray in strange))
+        search = replace(self, trials=trials, strange=(*self.strange, *strange))
         if self.best is not None:
             self.best.begin_again()
-        names = tuple(stray.name for stray in strange)
-        return replace(self, trials=without_objects(self.trials, names), strange=(*self.strange, *strange))
+            if candidate.of_fewer:
+                self.best.take(search, candidate.of_fewer)
+        return search
 
     @_kept
     def plain(self, structure: ModelStructure, is_coarse: bool) -> Candidate:

@@ -244,7 +244,7 @@ def _outcomes_of_columns(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     levels = {name: errors.noise_of(name, noise) for name in law.objects}
     left_out = (*schema.logarithmic, *schema.initial_values)
     columns = ((name, j) for j, name in enumerate(schema.states) if name not in left_out)
-    found = [(name, ratio) for name, j in columns if (ratio := column_in_other_units(trials, j, levels))]
+    ratios = [(name, ratio) for name, j in columns if (ratio := column_in_other_units(trials, j, levels))]
     return tuple(
         note(
             "column-in-other-units",
@@ -253,7 +253,7 @@ def _outcomes_of_columns(law: Law, trials: Trials) -> tuple[Outcome, ...]:
             ratio=of_one.ratio,
             factors=of_one.in_words,
         )
-        for name, of_one in found
+        for name, of_one in ratios
     )
 
 

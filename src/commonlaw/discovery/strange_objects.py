@@ -68,23 +68,24 @@ def with_objects_apart(candidate: Candidate, search: CandidateSearch, find: Find
         fine = search.resolved(candidate)
         others = () if (units and is_plain) or not fine.pool.best.is_resolved else suspects(fine.pool, count)
         for names in dict.fromkeys(names for names in (units, others) if names):
-            apart = _apart(fine, names, search, lambda some: some.resolved(find(some)))
-            if apart and apart.score < fine.score:
-                return replace(candidate, apart=apart)
+            fewer = _with_apart(fine, names, search, lambda some: some.resolved(find(some)))
+            if fewer.score < fine.score:
+                return replace(candidate, apart=fewer.apart, of_fewer=fewer.of_fewer)
     except CommonlawError:  # Too few samples for laws of their own
         pass
     return candidate
 
 
-def _apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, find: Find) -> Apart | None:
-    """Return the law of the other objects than some, and those of these that contradict it; None without any.
+def _with_apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, find: Find) -> Candidate:
+    """Return a candidate with the law of the other objects than some, and those of these apart that contradict it.
 
     Nothing contradicts a law with a lack of fit: objects with a misfit in common would contradict one another.
     """
     search.progress(f"seeking the law without {', '.join(names)}")
-    others = find(search.of_objects([name for name in search.trials.objects if name not in names])).pool.best
+    of_fewer = find(search.of_objects([name for name in search.trials.objects if name not in names]))
+    others = of_fewer.pool.best
     if others.lack_of_fit or not others.is_resolved:
-        return None
+        return candidate
     whole = candidate.pool.best
     supports = _supports_in(whole.problem, others)
     is_same = supports is not None and np.array_equal(supports, whole.supports)
@@ -95,7 +96,7 @@ def _apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, 
             units = _in_other_units(search.trials, alone.pool.best, others)
             explained[name] = replace(explanation, reason="units", words=units) if units else explanation
     if len(explained) < len(names):
-        return _apart(candidate, [*explained], search, find) if explained else None
+        return _with_apart(candidate, [*explained], search, find) if explained else candidate
     excluded = len(search.strange)
     total = len(search.trials.objects) + excluded
     penalty = partition_penalty(excluded + len(names), total) - partition_penalty(excluded, total)
@@ -108,7 +109,7 @@ def _apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, 
         StrangeObject(name, float(share * explanation.share), explanation.reason, explanation.words)
         for name, explanation in explained.items()
     ]
-    return Apart(score, tuple(objects))
+    return replace(candidate, apart=Apart(score, tuple(objects)), of_fewer=of_fewer)
 
 
 @dataclass(frozen=True)

@@ -223,26 +223,29 @@ def stopped(law: Law, seconds: float, untried: Sequence[str]) -> Law:
     return replace(law, provenance=replace(provenance, outcomes=outcomes, history=history))
 
 
-def _law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law:
+def _law_of_best_order(search: CandidateSearch, structure: ModelStructure, chosen: "_Chosen | None" = None) -> Law:
     """Return the law of largest evidence among those of several orders with equal prior probabilities.
 
-    Objects that are strange to a law of richer terms are left out, too: plain terms may imitate the laws of all.
+    Objects that are strange to a law of richer terms are left out, too: plain terms may imitate the laws of all. Their
+    search has `chosen` the laws of the others then.
 
     Raises `CommonlawError` if no law of any order can be fitted: the last reason.
     """
-    search, candidates, failures, several = _candidates_of_orders(search, structure)
-    best = candidates[0]
+    search, candidates, failures, several = chosen or _candidates_of_orders(search, structure)
+    best, of_others = candidates[0], dict[tuple[str, ...], _Chosen]()
 
     def of_some(some: CandidateSearch) -> Candidate:
         if len(some.trials.objects) == 1:
             return some.plain(replace(structure, order=best.order), is_coarse=False)
         kept = replace(some, options=replace(some.options, strange_objects="keep"))
-        return _candidates_of_orders(kept, structure).candidates[0]
+        of_others[some.trials.objects] = _candidates_of_orders(kept, structure)
+        return of_others[some.trials.objects].candidates[0]
 
     if best.has_richer or in_other_units(best, len(search.strange)):
         best = with_objects_apart(best, search, of_some, is_plain=False)
         if best.apart:
-            return _law_of_best_order(search.without(best.apart.objects), structure)
+            rest = search.without_strange_of(best)
+            return _law_of_best_order(rest, structure, of_others[rest.trials.objects]._replace(search=rest))
     law, score = _law(search, best)
     law = without_strange_objects(law, search.strange)
     if not several:
@@ -324,7 +327,7 @@ def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) ->
     candidates, refused = _in_share(search, 1 / 3, of_orders)
     best = min(candidates)
     if best.apart:
-        return _candidates_of_orders(search.without(best.apart.objects), structure)
+        return _candidates_of_orders(search.without_strange_of(best), structure)
     candidates = [replace(candidate, apart=None) for candidate in candidates]
     if several and (not best.is_simple or is_implied_by_lower_order(best.pool)):
         candidates, _ = apply_to_each(search.finer, candidates)
