@@ -216,11 +216,11 @@ def test_values_that_are_not_defined_give_no_warning():
 def test_a_value_that_is_not_finite_is_named_with_its_term_sample_and_variables():
     values = np.array([[1.0, 2.0, 0.0], [4.0, -5.0, 0.1], [0.0, 3.0, 0.2]])
     terms = ExpressionLibrary("1", "v/x", "x").bind(XV)
-    infinite = {"term": "v/x", "value": "infinite", "sample": "3", "point": "x = 0, v = 3"}
+    infinite = {"term": "v/x", "value": "infinite", "sample": "3", "point": "x = 0, v = 3", "variable": "x"}
     with refused("term-not-finite", "Golf Ball, trial 1", **infinite):
         terms.check_finite(terms.evaluate(values), values, "Golf Ball, trial 1")
     roots = ExpressionLibrary("sqrt(v)").bind(XV)
-    with refused("term-not-finite", term="sqrt(v)", value="not a number", sample="2", point="v = -5"):
+    with refused("term-not-finite", term="sqrt(v)", value="not a number", sample="2", point="v = -5", variable="v"):
         roots.check_finite(roots.evaluate(values), values)
 
 

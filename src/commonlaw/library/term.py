@@ -451,7 +451,13 @@ class Terms:
         used = sorted(self.terms[column].columns())
         point = ", ".join(f"{self.variables.names[i]} = {values[row, i]:g}" for i in used)
         raise CommonlawError(
-            "term-not-finite", where, term=self.names[column], value=state, sample=before + row + 1, point=point
+            "term-not-finite",
+            where,
+            term=self.names[column],
+            value=state,
+            sample=before + row + 1,
+            point=point,
+            variable=self.variables.names[used[0]],
         )
 
 
