@@ -19,10 +19,24 @@ def test_a_search_without_time_prints_and_saves_the_first_law_and_what_is_untrie
     code, out, err = run("discover", drops, "--time-limit", "0s", "--save", law)
     assert code == 0, err
     assert "x' = " in out
-    assert "--time-limit None [search-stopped]" in err
+    assert "search-stopped" in err
+    assert "--time-limit None" in err
     saved = cl.Law.load(law)
     assert saved.provenance.is_stopped
     assert "stopped after" in done("show", law, "--history")
+
+
+def test_a_stopped_search_goes_on(done, fails, drops, tmp_path, monkeypatch):
+    monkeypatch.setenv("COMMONLAW_CACHE", str(tmp_path / "cache"))
+    law = tmp_path / "law.json"
+    done("discover", drops, "--order", "2", "--time-limit", "0", "--save", law)
+    assert cl.Law.load(law).provenance.is_stopped
+    assert "resume-with-other-trials" in fails("discover", drops, "--exclude", "object=Ball 1", "--resume", law)
+    assert "resume-with-changes" in fails("discover", drops, "--library", "poly:1", "--resume", law)
+    done("discover", drops, "--resume", law, "--save", tmp_path / "whole.json")
+    assert cl.Law.load(tmp_path / "whole.json").structure == ("x'' = a + b v",)
+    assert "resume-complete" in fails("discover", drops, "--resume", tmp_path / "whole.json")
+    assert "--each" in fails("discover", drops, drops, "--each", "--resume", law, code=2)
 
 
 @pytest.mark.parametrize("none", ["none", "None"])

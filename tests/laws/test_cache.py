@@ -8,9 +8,9 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import cache
-from commonlaw.discovery.cache import digest
 from commonlaw.law import Provenance, from_json, to_json
 from commonlaw.library import AbstractLibrary
+from commonlaw.runtime.digest import digest
 
 DROPS = cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=1, noise=0.01)
 QUESTION = {"order": 2, "library": "poly:1"}

@@ -64,10 +64,10 @@ def test_laws_are_shown_as_they_come_each_better_than_the_one_before(whole):
     np.testing.assert_allclose(shown[-1].coefficients, whole.coefficients, rtol=1e-2)
 
 
-def test_a_stopped_law_is_not_kept_and_a_complete_one_serves_a_shorter_time(tmp_path, monkeypatch, whole):
+def test_of_a_stopped_law_only_steps_are_kept_and_a_complete_one_serves_a_shorter_time(tmp_path, monkeypatch, whole):
     monkeypatch.setenv(cache.VARIABLE, str(tmp_path))
     assert cl.discover(DROPS, time_limit=0).order == 1
-    assert not list(tmp_path.iterdir())
+    assert [path.suffix for path in tmp_path.iterdir()] == [".steps"]
     assert cl.discover(DROPS).structure == whole.structure
     assert cl.discover(DROPS, time_limit=0).structure == whole.structure
 

@@ -14,10 +14,10 @@ import commonlaw as cl
 from commonlaw.app.question import Question, in_page, settings_form
 from commonlaw.cli.options import GroupedOption, taking
 from commonlaw.cli.question import setting_options
-from commonlaw.discovery.cache import digest
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.law.script import written
 from commonlaw.runtime.arguments import format_spec, parse_spec
+from commonlaw.runtime.digest import digest
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
     ErrorKind,
@@ -134,7 +134,7 @@ def test_a_function_takes_its_settings_by_name_in_order_and_with_their_defaults(
 def test_what_functions_and_methods_take_are_the_settings():
     assert list(inspect.signature(cl.TrajectoryLikelihood).parameters) == list(settings_of(FitOptions))
     ours, estimators = inspect.signature(cl.discover).parameters, inspect.signature(cl.LawDiscovery).parameters
-    assert list(ours) == ["trials", *estimators, "x_dot"]
+    assert list(ours) == ["trials", *estimators, "x_dot", "resume"]
     assert all(ours[name].default == estimators[name].default for name in estimators)
     choices = {name: [*about.choices] for name, (_, about) in settings_of(FitOptions).items() if about.choices}
     assert choices["errors"] == ["auto", *get_args(ErrorKind)]

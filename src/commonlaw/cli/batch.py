@@ -125,7 +125,7 @@ class Batch:
     each: bool
     processes: int | None
 
-    def check(self, source: Source, outputs: Outputs, cluster: str | None) -> None:
+    def check(self, source: Source, question: Question, outputs: Outputs, cluster: str | None) -> None:
         """Refuse what does not go together."""
         others = [file for file in outputs.save if not is_of_kind(file, "table")]
         given = [*(f"--save {file}" for file in others), *(["--json"] if outputs.as_json else [])]
@@ -133,6 +133,8 @@ class Batch:
             return
         if cluster and self.processes:
             raise click.UsageError("--set n_jobs is for this machine: leave it out, --cluster has its own workers")
+        if question.resume:
+            raise click.UsageError("--resume is for one law: leave it out with --each")
         if not source.path:
             raise click.UsageError("--each takes files: commonlaw discover a.csv b.csv --each --save results.csv")
         if given:

@@ -59,7 +59,7 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     if not batch.each:
         source = replace(source, more=batch.more)
     streams = bool(cluster) or source.is_stream
-    batch.check(source, outputs, cluster)
+    batch.check(source, question, outputs, cluster)
     if streams and not batch.each:
         source.check_streams()
     with working("Discovering ...") as show, on_cluster_at(cluster, show):

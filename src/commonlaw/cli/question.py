@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from commonlaw.cli.options import Decorator, ReadLaw, as_one, by_name, is_of_kind, numbers, option, pairs, taking
+from commonlaw.cli.options import (
+    Decorator,
+    ReadFile,
+    ReadLaw,
+    as_one,
+    by_name,
+    is_of_kind,
+    numbers,
+    option,
+    pairs,
+    taking,
+)
 from commonlaw.cli.output import Artifacts, say
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value
@@ -211,6 +222,12 @@ _LAW_OPTIONS = (
         everyday=True,
         type=_time_limit,
     ),
+    option(
+        "--resume LAW.json",
+        "Go on with the search that was stopped with this law, in the same table, with its options of law and method",
+        group="Method",
+        type=ReadFile(),
+    ),
 )
 
 
@@ -226,6 +243,7 @@ class Question:
     latent: tuple[str, ...]
     explain: bool
     time_limit: float | None
+    resume: str | None
     method: "AbstractMethod | None"
 
     def answer(self, training: "Trials | TrialStream", show: Callable[[str], None]) -> "Law":
@@ -250,6 +268,7 @@ class Question:
                 latent_states=self.latent,
                 progress=show,
                 time_limit=None if seconds == math.inf else seconds,
+                resume=None if self.resume is None else cl.Law.load(self.resume),
             )
 
     def explained(self, law: "Law", show: Callable[[str], None], later: Artifacts) -> "Law":

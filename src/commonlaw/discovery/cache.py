@@ -1,22 +1,24 @@
 """The cache of laws: the same trials, settings and version give the same law.
 
-Laws are stored in the user's cache folder as JSON with a checksum, in atomic writes. Damaged files are ignored. The
-least recently used laws are removed if the cache exceeds its size.
+Laws are stored in the user's cache folder as JSON with a checksum, and steps of stopped searches as msgpack, in atomic
+writes. Damaged files are ignored. The least recently used are removed if the cache exceeds its size.
 """
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext, suppress
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+from msgspec import msgpack
 
 import commonlaw
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, from_json, to_json
+from commonlaw.runtime.checkpoint import with_checkpoint
+from commonlaw.runtime.digest import NotHashableError, digest
 from commonlaw.runtime.files import make_folder, mark_as_used, read_file, remove_longest_unused, write_whole
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
@@ -28,43 +30,48 @@ LARGEST = 200 * 2**20
 """Size of the cache in bytes."""
 
 
-class _NotHashableError(Exception):
-    """Equality of two values of this class cannot be checked."""
-
-
 def cached_law(
-    trials: Trials, question: Mapping[str, object], find: Callable[[], Law], progress: ProgressCallback
+    trials: Trials,
+    question: Mapping[str, object],
+    find: Callable[[], Law],
+    progress: ProgressCallback,
+    *,
+    can_stop: bool,
 ) -> Law:
     """Return the cached law of these trials and settings, or find it and write it to the cache.
 
     `question` has all settings that influence the law, by name. If the equality of a setting cannot be checked, as of a
-    function, the cache is not used.
+    function, the cache is not used. Of a search that was stopped, which it only is if it `can_stop`, the cache keeps
+    the steps, with which the same search goes on.
     """
     path = _path(trials, question)
     if path is None:
         return find()
-    cached = _read(path)
+    cached = _read_law(path)
     if cached is not None:
         progress(Stage("reading the law from the cache", 1.0))
         return cached
-    law = find()
-    if not law.provenance.is_stopped:  # Of more time, or a faster machine, there is another one
-        with suppress(OSError, CommonlawError):  # A full or read-only disk, or terms that cannot be saved
-            _write(path, law)
+    of_steps = path.with_suffix(_STEPS)
+    content = _read(of_steps)
+    steps = {} if content is None else msgpack.decode(content, type=dict[str, bytes])
+    with with_checkpoint(steps) if can_stop or steps else nullcontext():
+        law = find()
+    with suppress(OSError, CommonlawError):  # A full or read-only disk, or terms that cannot be saved
+        if law.provenance.is_stopped:  # Of more time, or a faster machine, there is another law
+            _write(of_steps, msgpack.encode(steps))
+        else:
+            _write(path, to_json(law).encode())
+            of_steps.unlink(missing_ok=True)
     return law
 
 
-def digest(value: object) -> str:
-    """Return the SHA-256 hash of a value: a number, text, array, or a collection or dataclass of them.
+def is_kept(trials: Trials, question: Mapping[str, object]) -> bool:
+    """Return whether the cache has the law of these trials and settings, or the steps of a search for it."""
+    path = _path(trials, question)
+    return path is not None and (path.exists() or path.with_suffix(_STEPS).exists())
 
-    Fields that are not compared do not enter.
 
-    Raises `_NotHashableError` if a value is of another class, or of a subclass.
-    """
-    hashed = hashlib.sha256()
-    for content in _parts(value):
-        hashed.update(len(content).to_bytes(8, "little") + content)
-    return hashed.hexdigest()
+_STEPS = ".steps"
 
 
 def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
@@ -73,7 +80,7 @@ def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
         return None
     try:
         name = digest((_version(), os.environ.get("COMMONLAW_KERNEL", ""), trials, question))
-    except _NotHashableError:
+    except NotHashableError:
         return None
     if folder:
         return Path(folder) / name
@@ -82,25 +89,31 @@ def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
     return user_cache_path("commonlaw", appauthor=False) / "laws" / name
 
 
-def _read(path: Path) -> Law | None:
+def _read(path: Path) -> bytes | None:
     try:
         checksum, _, content = read_file(path).partition(b"\n")
-        if checksum != hashlib.sha256(content).hexdigest().encode():
-            return None
-        law = from_json(content)
     except CommonlawError:
         return None
+    if checksum != hashlib.sha256(content).hexdigest().encode():
+        return None
     mark_as_used(path)
-    return law
+    return content
 
 
-def _write(path: Path, law: Law) -> None:
-    content = to_json(law).encode()
+def _read_law(path: Path) -> Law | None:
+    content = _read(path)
+    try:
+        return None if content is None else from_json(content)
+    except CommonlawError:
+        return None
+
+
+def _write(path: Path, content: bytes) -> None:
     if len(content) > LARGEST:
         return
     make_folder(path.parent)
     write_whole(path, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
-    remove_longest_unused((file for file in path.parent.iterdir() if len(file.name) == len(path.name)), LARGEST)
+    remove_longest_unused((file for file in path.parent.iterdir() if len(file.stem) == len(path.stem)), LARGEST)
 
 
 @cache
@@ -112,29 +125,3 @@ def _version() -> str:
     files = sorted(path for kind in ("*.py", "*.so", "*.pyd", "*.dylib") for path in root.rglob(kind))
     known = [(str(file.relative_to(root)), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
     return digest((commonlaw.__version__, np.__version__, scipy.__version__, known))
-
-
-def _parts(value: object) -> Iterator[bytes]:
-    inside: Sequence[object] = ()
-    if isinstance(value, np.ndarray) and value.dtype != object:
-        yield f"array {value.dtype.str} {value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
-    elif value is None or isinstance(value, bool | int | float | complex | str | np.generic):
-        yield f"{type(value).__name__} {value!r}".encode()
-    elif isinstance(value, Mapping):
-        yield f"mapping {len(value)}".encode()
-        inside = [part for pair in value.items() for part in pair]
-    elif isinstance(value, list | tuple):
-        yield f"sequence {len(value)}".encode()
-        inside = value
-    elif (
-        is_dataclass(value)
-        and not isinstance(value, type)
-        and type(value).__module__.split(".")[0] == commonlaw.__name__
-    ):
-        yield f"{type(value).__module__} {type(value).__qualname__}".encode()
-        inside = [getattr(value, field.name) for field in fields(value) if field.compare]
-    else:
-        raise _NotHashableError
-    for part in inside:
-        yield from _parts(part)

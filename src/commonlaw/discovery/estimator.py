@@ -1,7 +1,7 @@
 """From trials to a law: the estimator, and the function that most people call."""
 
 import inspect
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from math import isfinite
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from commonlaw.diagnostics import Diagnostic, Outcome, note
-from commonlaw.discovery.cache import cached_law
+from commonlaw.discovery.cache import cached_law, is_kept
 from commonlaw.discovery.hints import (
     outcomes_of_confounding,
     outcomes_of_generations,
@@ -44,10 +44,12 @@ from commonlaw.law.alignment import matched
 from commonlaw.law.observation import STATES
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
-from commonlaw.law.script import call
+from commonlaw.law.script import call, is_same, recorded_arguments
 from commonlaw.library import AbstractLibrary, CappedLibrary, Order, one_order, order_of_each, parse_library
 from commonlaw.library.libraries import LibraryGiven
 from commonlaw.runtime.arguments import check_types
+from commonlaw.runtime.checkpoint import is_replay
+from commonlaw.runtime.digest import digest
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.runtime.parallel import one_blas_thread
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
@@ -149,9 +151,11 @@ class LawDiscovery:
             refuse_amounts(trials)
             if y is not None or not self.cache:
                 return self._found(trials, progress, y)
-            nothing = ("progress", "cache", "client", "time_limit")  # These change nothing in a law
-            question = {name: getattr(self, name) for name in _PARAMETERS if name not in nothing}
-            return cached_law(trials, question, lambda: self._found(trials, progress), progress)
+            can_stop = limit_of(self.time_limit) is not None
+            law = cached_law(trials, self._question, lambda: self._found(trials, progress), progress, can_stop=can_stop)
+            if not law.provenance.is_stopped:
+                return law
+            return replace(law, provenance=replace(law.provenance, searched=digest(trials)))
 
         if self.time_limit is not None and not (self.time_limit >= 0 and isfinite(self.time_limit)):
             raise CommonlawError("time-limit", value=self.time_limit)
@@ -160,6 +164,23 @@ class LawDiscovery:
         by_file = partial(self._found_by_file, progress=progress, given=y)
         self.law_ = in_memory_or_by_file(trials, self.client, in_memory, by_file)
         return self
+
+    @property
+    def _question(self) -> dict[str, object]:
+        """What the law depends on besides the trials; of what is empty, whatever its kind, nothing."""
+        values = {name: getattr(self, name) for name in _PARAMETERS if name not in _CHANGING_NOTHING}
+        return {name: None if isinstance(value, Sized) and not len(value) else value for name, value in values.items()}
+
+    def check_resumable(self, law: Law, trials: Trials | TrialStream) -> None:
+        """Check that the search with these parameters that was stopped with a law can go on.
+
+        Raises `CommonlawError` if it had other trials, or the cache has neither its steps nor the complete law.
+        """
+        before = law.provenance.searched
+        if before and not (isinstance(trials, Trials) and digest(trials) == before):
+            raise CommonlawError("resume-with-other-trials")
+        if not (before and self.cache and isinstance(trials, Trials) and is_kept(trials, self._question)):
+            raise CommonlawError("resume-without-steps")
 
     def _observed(self, trials: Trials, progress: ProgressCallback, derivatives: GivenDerivatives | None) -> Law:
         given = self.get_params(deep=False)
@@ -225,7 +246,7 @@ class LawDiscovery:
         if given is not None:
             trials, derivatives = with_derivatives(trials, given)
         method, instead = self._method_for(trials, derivatives)
-        limit = limit_of(self.time_limit) if isinstance(method, TrajectoryLikelihood) else None
+        limit = limit_of(self.time_limit, is_replay()) if isinstance(method, TrajectoryLikelihood) else None
         plain = not (isinstance(self.library, Mapping) or self.known or self.shared or derivatives)
         if plain and (isinstance(self.order, str) or self.order in (1, 2)):
             constant = states_at_rest(trials)
@@ -394,7 +415,10 @@ class LawDiscovery:
         return self.law_
 
 
-_PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
+_PARAMETERS = inspect.signature(LawDiscovery).parameters
+
+_CHANGING_NOTHING = ("progress", "cache", "client", "time_limit")
+"""Parameters that the law does not depend on, unless its search is stopped."""
 
 
 def default_method(trials: Trials | None, order: AskedOrder = "auto") -> AbstractMethod:
@@ -451,6 +475,7 @@ def discover(
     client: "Client | None" = None,
     time_limit: float | None = None,
     x_dot: GivenDerivatives | None = None,
+    resume: Law | None = None,
 ) -> Law:
     """Discover the law that the objects of trials share.
 
@@ -513,6 +538,10 @@ def discover(
         Measured or computed derivatives of the states at the samples: an array of shape (n, states)
         for each trial, or by state an array or the name of a column, ``{"x": "speed"}``. `DerivativeRegression`, the
         default then, takes them in place of its own, for laws of order 1.
+    resume
+        A law of these trials whose search was stopped, by `time_limit` or else: the search goes on with the arguments
+        of then, and without a limit ends with the law that it had found unstopped. Steps that were done are taken from
+        the cache, which has them on the machine, and for the version of commonlaw, that the search ran with.
 
     Raises
     ------
@@ -541,7 +570,33 @@ def discover(
     estimator = LawDiscovery(
         order, library, method, known, shared, latent_states, observe, progress, cache, client, time_limit
     )
+    if resume is not None:
+        trials = measured(trials)
+        estimator.set_params(**_arguments_of_search(resume, estimator.get_params(deep=False)))
+        estimator.check_resumable(resume, trials)
     return estimator.fit(trials, x_dot).law_
+
+
+def _arguments_of_search(law: Law, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of the search that was stopped with a law, but given ones that change nothing in a law.
+
+    Where they are no text, and so not on record, they are those given.
+
+    Raises `CommonlawError` if the law is complete, or a given argument is neither the default nor that of the search.
+    """
+    if not law.provenance.is_stopped:
+        raise CommonlawError("resume-complete")
+    recorded = recorded_arguments(law.provenance.calls[0]) if law.provenance.calls else given
+    defaults = {name: parameter.default for name, parameter in _PARAMETERS.items()}
+    searched = {**defaults, **recorded, **{name: given[name] for name in _CHANGING_NOTHING}}
+    changed = [
+        name
+        for name, value in given.items()
+        if not any(is_same(value, before) for before in (defaults[name], searched[name]))
+    ]
+    if changed:
+        raise CommonlawError("resume-with-changes", names=changed)
+    return searched
 
 
 def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]:

@@ -125,6 +125,7 @@ class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tru
     calls: tuple[str, ...] = ()
     domain: Domain = Domain()
     log_likelihood: float | None = None
+    searched: str = ""
 
 
 class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):

@@ -220,6 +220,8 @@ class Provenance:
         Range of the training data, and reliable forecast horizon.
     log_likelihood
         Of the measurements, at the maximum, where it is known.
+    searched
+        Hash of the trials whose search was stopped, see `commonlaw.discover`; empty if none was.
     with_discrepancy
         The law with the discrepancy as further terms, if `Law.discrepancy` estimated these coefficients.
     """
@@ -232,6 +234,7 @@ class Provenance:
     calls: tuple[str, ...] = ()
     domain: Domain = field(default_factory=Domain)
     log_likelihood: float | None = None
+    searched: str = ""
     with_discrepancy: Any = None
 
     def __post_init__(self) -> None:

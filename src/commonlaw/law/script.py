@@ -230,10 +230,38 @@ def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -
         if (
             parameter.default is not parameter.empty
             and parameter.name not in _NOT_SAID
-            and not _same(value, parameter.default)
+            and not is_same(value, parameter.default)
         ):
             arguments.append(f"{parameter.name}={written(value)}")
     return f"{name}({', '.join(arguments)})"
+
+
+def recorded_arguments(text: str) -> dict[str, Any]:
+    """Return the values of the keywords of a recorded call; none if it may not stand in a program.
+
+    >>> recorded_arguments("cl.discover(trials, order=2, method=cl.TrajectoryLikelihood(noise=0.1))")["method"].noise
+    0.1
+    """
+    tree = ast.parse(rewritten(text) or "cl.discover()", mode="eval").body
+    return {str(keyword.arg): _value(keyword.value) for keyword in getattr(tree, "keywords", ())}
+
+
+def _value(tree: ast.expr) -> Any:
+    """Return the value of an expression that passed `_check_value`."""
+    match tree:
+        case ast.Call(func=ast.Name(id="float"), args=[number]):
+            return float(ast.literal_eval(number))
+        case ast.Call(func=function, args=arguments, keywords=keywords):
+            setting = resolve_name(f"commonlaw{ast.unparse(function).removeprefix('cl')}")
+            named = {str(keyword.arg): _value(keyword.value) for keyword in keywords}
+            return setting(*map(_value, arguments), **named)
+        case ast.List(elts=inner):
+            return [*map(_value, inner)]
+        case ast.Tuple(elts=inner):
+            return tuple(map(_value, inner))
+        case ast.Dict(keys=keys, values=inner):
+            return {_value(key): _value(entry) for key, entry in zip(keys, inner, strict=True) if key is not None}
+    return ast.literal_eval(tree)
 
 
 def written(value: Any) -> str:
@@ -253,7 +281,7 @@ def written(value: Any) -> str:
             attribute.name: attribute.default if attribute.default_factory is MISSING else attribute.default_factory()
             for attribute in fields(value)
         }
-        arguments = [f"{name}={written(entry)}" for name, entry in values.items() if not _same(entry, defaults[name])]
+        arguments = [f"{name}={written(entry)}" for name, entry in values.items() if not is_same(entry, defaults[name])]
         name, module = type(value).__name__, type(value).__module__.split(".")
         home = f"cl.{module[1]}" if module[1:] and name not in resolve_name("commonlaw").__all__ else "cl"
         return f"{home}.{name}({', '.join(arguments)})"
@@ -336,7 +364,7 @@ def _with_initial_time(line: str, at: float | Literal["first"] | None) -> str:
     return line if is_recorded else f"{line.removesuffix(')')}, initial_time={at!r})"
 
 
-def _same(one: Any, other: Any) -> bool:
+def is_same(one: Any, other: Any) -> bool:
     """Return whether two values are the same; arrays and frames are the same only if they are one."""
     if _is_nothing(one) and _is_nothing(other):
         return True

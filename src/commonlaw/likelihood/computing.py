@@ -13,6 +13,7 @@ from commonlaw.likelihood.compiled import BatchedModel, Packed, batched, packed
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
+from commonlaw.runtime.checkpoint import checkpointed
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.parallel import in_parallel
 from commonlaw.runtime.time_limit import check
@@ -40,6 +41,7 @@ def linearize(
     return linearize_each([model], [estimate], model_error, columns)[0]
 
 
+@checkpointed
 def fit_each(
     models: Sequence[TrajectoryModel],
     starts: Sequence[Estimate],

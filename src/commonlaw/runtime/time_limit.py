@@ -30,10 +30,18 @@ class TimeLimit:
         Is set if it is to end as soon as there is a result.
     clock
         Returns the present time in seconds.
+    replays
+        Whether the work begins with steps that were done before, see `end_replay`.
     """
 
-    def __init__(self, seconds: float | None, stop: Event | None = None, clock: Callable[[], float] = monotonic):
-        self._stop, self._clock, self._began = stop, clock, clock()
+    def __init__(
+        self,
+        seconds: float | None,
+        stop: Event | None = None,
+        clock: Callable[[], float] = monotonic,
+        replays: bool = False,
+    ):
+        self._stop, self._clock, self._began, self._replays = stop, clock, clock(), replays
         self._seconds = float("inf") if seconds is None else float(seconds)
         self._kept, self._share = 0.0, 1.0
         self.has_result = False
@@ -57,13 +65,19 @@ class TimeLimit:
             self.has_result = True
             self._kept = min(self.elapsed, self._seconds / 2)
 
+    def end_replay(self) -> None:
+        """Let the time begin, as the first new step is done: work that goes on does one, however short the time."""
+        if self._replays:
+            self._replays, self._began = False, self._clock()
+
     @property
     def is_over(self) -> bool:
         """Whether there is a result, and no more time."""
         if not self.has_result:
             return False
         is_asked = self._stop is not None and self._stop.is_set()
-        return is_asked or self.elapsed > self._share * (self._seconds - self._kept)
+        is_late = not self._replays and self.elapsed > self._share * (self._seconds - self._kept)
+        return is_asked or is_late
 
     @contextmanager
     def until(self, share: float) -> Iterator[None]:
@@ -86,10 +100,10 @@ def check() -> None:
         raise OutOfTimeError
 
 
-def limit_of(seconds: float | None) -> TimeLimit | None:
+def limit_of(seconds: float | None, replays: bool = False) -> TimeLimit | None:
     """Return a limit that begins now; None without seconds and outside of `stoppable`."""
     stop = _STOP.get()
-    return None if seconds is None and stop is None else TimeLimit(seconds, stop)
+    return None if seconds is None and stop is None else TimeLimit(seconds, stop, replays=replays)
 
 
 @contextmanager

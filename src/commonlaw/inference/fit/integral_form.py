@@ -21,6 +21,7 @@ from commonlaw.inference.fit.parameter_grid import ParameterGrids, along
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
+from commonlaw.runtime.checkpoint import checkpointed
 from commonlaw.runtime.forking import cached_property
 
 
@@ -72,7 +73,7 @@ class IntegralRegression:
     others: Floats
     grids: ParameterGrids
     integrals: "Integrals"
-    changed: dict[tuple[int, int], Floats] = field(default_factory=dict)
+    changed: dict[tuple[int, int], Floats] = field(default_factory=dict, compare=False)
 
     @cached_property
     def squares(self) -> Floats:
@@ -134,6 +135,7 @@ class IntegralRegression:
         residuals = residuals - slopes @ np.linalg.lstsq(slopes, residuals, rcond=settings.MIN_SINGULAR_VALUE)[0]
         return float(residuals @ residuals)
 
+    @checkpointed
     def refined(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> tuple[Floats, ...]:
         """Return the parameters of least residual squares near grid values, by Gauss-Newton steps."""
         initial = [self.grids.parameters[a][i] for a, i in zip(others, indices, strict=True)]

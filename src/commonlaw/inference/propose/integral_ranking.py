@@ -8,7 +8,7 @@ fitted to the trajectories.
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from itertools import combinations, groupby
 from typing import TypeVar
 
@@ -20,6 +20,7 @@ from commonlaw.inference.fit.integral_form import CurveData, IntegralRegression,
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, Ratio
 from commonlaw.likelihood import Estimate
+from commonlaw.runtime.checkpoint import at_checkpoint
 from commonlaw.runtime.parallel import in_parallel
 
 _T = TypeVar("_T")
@@ -72,13 +73,18 @@ def rank_supports(
     Terms are integrated along estimated states; `others` are parametric, or not combined with many plain ones. `most`
     is the largest number of coefficients and parameters by equation.
     """
-    courses, result = object_curves(problem, estimates, others), dict[int, list[CandidateSupport]]()
-    for equation, numbers in most.items():
-        matches = [match for course in courses if len((match := course.regression(equation)).target)]
+    courses = cache(lambda: object_curves(problem, estimates, others))
+
+    def ranked(equation: int, numbers: int) -> list[CandidateSupport]:
+        matches = [match for course in courses() if len((match := course.regression(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
-        ranked = _Ranking(matches, plain, others, numbers)
-        result[equation] = ranked.best(len(problem.models)) if matches else []
-    return result
+        return _Ranking(matches, plain, others, numbers).best(len(problem.models)) if matches else []
+
+    key = rank_supports.__qualname__, problem, estimates, others
+    return {
+        equation: at_checkpoint(partial(ranked, equation, numbers), *key, equation, numbers)
+        for equation, numbers in most.items()
+    }
 
 
 def object_curves(
@@ -257,7 +263,10 @@ class _Ranking:
             values = [match.grid_search(*key) for key in keys]
             return [(match.linearized_rss(*key, value), value) for key, value in zip(keys, values, strict=True)]
 
-        of_keys = list(zip(*in_parallel(nearby, self.matches), strict=True))
+        def done(match: IntegralRegression) -> list[tuple[float, tuple[int, ...]]]:
+            return at_checkpoint(lambda: nearby(match), nearby.__qualname__, match, keys)
+
+        of_keys = list(zip(*in_parallel(done, self.matches), strict=True))
         squares = [sum(rss for rss, _ in of_key) for of_key in of_keys]
         result = dict[_Key, list[tuple[Floats, ...]]]()
         for k in np.argsort(squares, kind="stable")[: settings.MAX_REFINED]:

@@ -8,6 +8,7 @@ equation is not multiplied by the denominator, which would put measurement error
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import chain, combinations
 from typing import NamedTuple
 
@@ -35,6 +36,7 @@ from commonlaw.inference.propose.integral_ranking import (
 )
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
+from commonlaw.runtime.checkpoint import at_checkpoint
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.parallel import in_parallel
 
@@ -46,16 +48,21 @@ def rank_ratios(
     most: Mapping[int, int],
 ) -> dict[int, list[CandidateSupport]]:
     """Return candidate supports with offered ratios, ranked by BIC, see `rank_supports`."""
-    courses = object_curves(problem, estimates, ())
-    result = dict[int, list[CandidateSupport]]()
-    for equation, numbers in most.items():
+    courses = cache(lambda: object_curves(problem, estimates, ()))
+
+    def ranked(equation: int, numbers: int) -> list[CandidateSupport]:
         scored = list[tuple[float, CandidateSupport]]()
         for ratios in offered:
-            sides = [_Sides.of(course, equation, ratios) for course in courses]
+            sides = [_Sides.of(course, equation, ratios) for course in courses()]
             sides = [side for side in sides if len(side.target)]
             scored += _Ranking(problem, equation, ratios, sides, numbers).best() if sides else []
-        result[equation] = [support for _, support in sorted(scored, key=lambda pair: pair[0])]
-    return result
+        return [support for _, support in sorted(scored, key=lambda pair: pair[0])]
+
+    key = rank_ratios.__qualname__, problem, estimates, offered
+    return {
+        equation: at_checkpoint(partial(ranked, equation, numbers), *key, equation, numbers)
+        for equation, numbers in most.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)

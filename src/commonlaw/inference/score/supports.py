@@ -21,6 +21,7 @@ from commonlaw.inference.score.evidence import (
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.settings import GENERIC_POINTS, MAX_SWEEPS, MAX_TERMS, ROUNDING
 from commonlaw.library import Terms
+from commonlaw.runtime.checkpoint import checkpointed
 from commonlaw.runtime.forking import cached_property
 from commonlaw.solvers import AbstractSolver
 
@@ -102,6 +103,7 @@ class SupportEvidence:
     stated: Bools | None = None
     log_parametrized: Floats | None = None
 
+    @checkpointed
     def choose(self, start: Bools, solver: AbstractSolver) -> Bools:
         """Return supports of largest evidence by coordinate ascent over equations, shape (equations, terms).
 
@@ -166,6 +168,7 @@ class SupportEvidence:
         listed = _path(self._alone(supports, equation), self.allowed[equation], solver)
         return [support for support in listed if support.sum() <= self.most]
 
+    @checkpointed
     def neighbours(
         self, supports: Bools, fitted: Sequence[tuple[float, Bools]] = ()
     ) -> list[list[tuple[float, Bools]]]:

@@ -39,6 +39,7 @@ from commonlaw.likelihood import (
     groupings,
 )
 from commonlaw.likelihood.levels import free_levels, least, level_bounds, level_starts
+from commonlaw.runtime.checkpoint import at_checkpoint
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 from commonlaw.text import counted
@@ -390,12 +391,16 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
         total = evidence + prior + log_determinant + subset.noise_prior.penalty(noise, errors, relative)
         return total if np.isfinite(total) else 1e12
 
-    optimum = least(value, model, starts, *bounds, d, measured)
-    _, errors, model_error = levels(optimum)
-    cost = problem.noise_prior.of_levels(errors) + model_error_penalty(problem, model_error)
-    needed = cost * measured / sum(problem.measured) + settings.SAME_DEVIANCE
-    none = min((np.append(logs[:d], bounds[0][d:]) for logs in (optimum, starts[0])), key=value)
-    if value(none) <= value(optimum) + needed:  # Levels that are not worth their cost stand for no such errors
-        optimum = none
+    def most_probable_levels() -> Floats:
+        optimum = least(value, model, starts, *bounds, d, measured)
+        _, errors, model_error = levels(optimum)
+        cost = problem.noise_prior.of_levels(errors) + model_error_penalty(problem, model_error)
+        needed = cost * measured / sum(problem.measured) + settings.SAME_DEVIANCE
+        none = min((np.append(logs[:d], bounds[0][d:]) for logs in (optimum, starts[0])), key=value)
+        # Levels that are not worth their cost stand for no such errors
+        return none if value(none) <= value(optimum) + needed else optimum
+
+    key = _with_levels.__qualname__, problem, fit.estimates, fit.supports, kind
+    optimum = at_checkpoint(most_probable_levels, *key)
     changed = at(optimum, problem)
     return fitted(changed, changed.padded(fit.estimates), fit.supports, levels(optimum)[2])
