@@ -1,5 +1,7 @@
 """A report opens in a browser, from disk and without a network; and the check of that sees what is wrong."""
 
+import re
+from base64 import b64decode
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -73,6 +75,18 @@ def test_drawings_in_a_page_look_the_same_and_have_no_element_for_each_point(bro
     one, other = (np.asarray(imread(BytesIO(look))) for look in looks)
     assert np.mean(np.abs(one - other) > 0.5) < 1e-5
     assert np.mean(one < 0.8) > 0.003  # Of a window of any size
+
+
+def test_a_report_of_three_objects_prints_on_at_most_six_pages_the_first_of_which_has_the_numbers(
+    browser: Chrome, tmp_path: Path
+) -> None:
+    carts = datasets.linear_drag(drag=(-0.1, -0.3, -0.5), trials=2, noise=0.02)
+    page, report = tmp_path / "report.html", law_report(find(cl.discover(carts, order=2, library="poly:2"), carts))
+    page.write_bytes(to_page(report))
+    assert [block.name for block in report.named_blocks()][:2] == ["fit-objects", "values"]
+    assert report.title.endswith("of 3 objects")
+    browser.get(page.as_uri())
+    assert 3 <= len(re.findall(rb"/Type */Page\b", b64decode(browser.print_page()))) <= 6
 
 
 @pytest.mark.slow

@@ -48,6 +48,9 @@ from commonlaw.summary import true_coefficients
 from commonlaw.trials import Trials
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
+_TICK: Mapping[str, Any] = {**_DOT, "marker": "|", "markersize": 11, "markeredgewidth": 1.6}
+"""An estimate, so thin that its interval can be seen."""
+_BAR: Mapping[str, Any] = {"color": COLORS[0], "alpha": 0.4, "linewidth": 6}
 _FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
 _OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 
@@ -182,8 +185,8 @@ class DotPlot:
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
         known = [key("true", **_OPEN)] if any(np.isfinite(dot.true).any() for dot in self.coefficients) else []
-        bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
-        return [key("estimate", **_DOT), *bars, *known] if known or bars else []
+        bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", **_BAR)]
+        return [key("estimate", **_TICK), *bars, *known] if known or bars else []
 
     def draw_panel(self, panel: Axes, each: Coefficient) -> None:
         """Draw a coefficient of several objects."""
@@ -248,7 +251,7 @@ def _draw_dots(panel: Axes, numbers: Floats) -> None:
     """Draw `Coefficient.numbers` below each other, with 95 % intervals where errors are known, or their only ends."""
     learned, true, errors, low, high = numbers
     heights = np.arange(len(learned))
-    panel.plot(learned, heights, **_DOT)
+    panel.plot(learned, heights, **_TICK)
     panel.plot(true, heights, **_OPEN)
     for end, opposite, marker in ((low, high, CARETRIGHT), (high, low, CARETLEFT)):
         alone = np.isnan(learned) & np.isfinite(end) & ~np.isfinite(opposite)
@@ -256,13 +259,13 @@ def _draw_dots(panel: Axes, numbers: Floats) -> None:
             panel.plot(end[alone], heights[alone], **{**_DOT, "marker": marker})
     if errors.any():
         both = np.isfinite(low) & np.isfinite(high)
-        panel.hlines(heights[both], low[both], high[both], color=COLORS[0], linewidth=1.4)
+        panel.hlines(heights[both], low[both], high[both], **_BAR)
 
 
 @styled()
 @checks_types
 def plot_intervals(law: Law) -> Figure:
-    """Plot the coefficients of all objects as dots with 95 % intervals (a forest plot).
+    """Plot the coefficients of all objects as ticks on bars of their 95 % intervals (a forest plot).
 
     Each object has a line; more than fifty objects are sorted by each coefficient, without names.
     """

@@ -232,6 +232,7 @@ def _shown(block: Block) -> dict[str, Any]:
         case Table(name, caption, frame, digits):
             present = readable(frame).astype(object).where(frame.notna(), None)
             rows = [[cell(value, digits) for value in row] for row in present.itertuples(index=False, name=None)]
+            rows = [[text.replace(" ", "\u00a0") if "±" in text else text for text in row] for row in rows]
             looks = [_look(column) for column in zip(*rows, strict=True)] or ["word"] * len(frame.columns)
             head = list(zip(map(str, frame.columns), looks, strict=True))
             return {"kind": "table", "name": name, "caption": caption, "head": head, "looks": looks, "rows": rows}

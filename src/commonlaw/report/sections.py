@@ -14,7 +14,6 @@ from commonlaw import __version__
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import Forecast
-from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, relations_frame, to_script
@@ -28,8 +27,6 @@ from commonlaw.law.tables import (
     MEANINGS,
     coefficient_names,
     quantile_frame,
-    quantities_by_object,
-    shown_quantities,
     spread_tables,
     with_unit,
 )
@@ -47,8 +44,9 @@ from commonlaw.plots import (
     plot_relations,
     plot_textbook,
 )
-from commonlaw.plots.forecast import omission, relative_errors, representative
+from commonlaw.plots.forecast import relative_errors, representative
 from commonlaw.plots.style import unit_text
+from commonlaw.report import front
 from commonlaw.report.document import (
     Block,
     Fold,
@@ -61,12 +59,13 @@ from commonlaw.report.document import (
     check_packages,
     to_page,
 )
-from commonlaw.report.markup import code, law_markdown, literal
+from commonlaw.report.front import FAILURES, ends, folded, listed, picture, said
+from commonlaw.report.markup import code, literal
 from commonlaw.report.page import Page
 from commonlaw.runtime.arguments import check_type
 from commonlaw.runtime.progress import on_terminal
 from commonlaw.stream import ManyFindings, find_by_stream
-from commonlaw.summary import Summary, in_states, parameters_caption
+from commonlaw.summary import Summary
 from commonlaw.text import counted
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.roles import GUESSED
@@ -75,21 +74,6 @@ from commonlaw.verdict import Findings, find
 
 if TYPE_CHECKING:
     from distributed import Client
-
-
-def said(case: Summary, text: object) -> str:
-    """Return a message as Markdown that shows it as it stands, in the words of whoever asked."""
-    return literal(case.words(str(text)).replace("R^2", "R²"))
-
-
-def folded(table: Table, title: str) -> Block:
-    """Return a table, behind a line that opens it if it is long."""
-    return table if len(table.frame) <= 12 else Fold(f"{title} ({len(table.frame)} rows)", (table,))
-
-
-def listed(lines: "list[str] | tuple[str, ...]") -> str:
-    """Return a Markdown list."""
-    return "\n\n" + "\n".join(f"- {line}" for line in lines) + "\n\n"
 
 
 def data_checks(case: Summary) -> Iterator[Block]:
@@ -120,21 +104,6 @@ def choices(case: Summary) -> Iterator[Block]:
     frame = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
     history = Table("history", "Choices in the search, with their reasons.", frame)
     yield history if rows else Text("No history is recorded.")
-
-
-def in_short(case: Summary) -> str:
-    """Return a paragraph for readers without statistics, as Markdown."""
-    law, fit = case.law, case.findings.fit
-    states, objects, several = literal(" and ".join(law.schema.states)), len(law.objects), len(law.schema.states) > 1
-    what = "from one moment to the next" if law.order == 0 else "at every moment"
-    shared = "" if objects == 1 else f" All {objects} objects follow the same equations, each with numbers of its own."
-    change, present = ("change", "their present values") if several else ("changes", "its present value")
-    text = f"In short: the equations say how {states} {change} {what}, given {present}.{shared}"
-    if fit is not None and np.isfinite(score := fit.score()) and score > 0:
-        text += f" They reproduce {min(100 * score, 99.99):.4g} % of the variation in the measurements."
-    if law.uncertainty.covariance is not None and law.support.any():
-        text += " A number such as 2.0 ± 0.1 means that values from 1.8 to 2.2 agree with the data."
-    return f"\n\n{text}\n\n"
 
 
 def methods(case: Summary) -> Iterator[Block]:
@@ -172,9 +141,6 @@ def again(case: Summary, command: str, table: str | Source) -> Section:
     return Section("again", "Reproduction", (Text(f"{text}Made with {', '.join(versions)}."),))
 
 
-_FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
-
-
 def residuals(case: Summary) -> Iterator[Block]:
     """Yield residuals and the discrepancy."""
     yield from _patterns(case)
@@ -186,7 +152,7 @@ def _patterns(case: Summary) -> Iterator[Block]:
     """Yield what measurements are off the law's trajectories, and which patterns that has."""
     try:
         tested = case.law.residuals(case.findings.trials)
-    except _FAILURES as error:
+    except FAILURES as error:
         yield Text(f"The residuals could not be tested: {said(case, error)}.")
         return
     meaning = "Residuals are measured minus fitted, in standard deviations of the noise. "
@@ -215,7 +181,7 @@ def _discrepancy(case: Summary) -> Iterator[Block]:
         return
     try:
         estimate = case.law.discrepancy(case.findings.training)
-    except _FAILURES as error:
+    except FAILURES as error:
         yield Text(f"A discrepancy shared by all objects could not be estimated: {said(case, error)}.")
         return
     of = literal(f"{estimate.basis.coordinate} in {estimate.equation}")
@@ -293,10 +259,6 @@ def coefficients(case: Summary) -> Iterator[Block]:
             for i, what in enumerate(panels.captions)
         ]
         yield Gallery(tuple(pictures))
-    if len(data := shown_quantities(law)):
-        ends = ", with 95 % intervals; an infinite end says that there is none" if known else ""
-        frame = quantities_by_object(law) if len(law.objects) > 1 else data
-        yield folded(Table("quantities", f"Derived quantities{ends}.", frame, data=data), "Quantities")
     if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
         caption = "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
         yield Picture("phase-plane", caption, partial(plot_phase_plane, law, case.findings.fit))
@@ -312,15 +274,6 @@ def coefficients(case: Summary) -> Iterator[Block]:
             frame.columns = [name if column == "value" else column for column in frame.columns]
             caption = f"{literal(title)}, with 95 % intervals of Student's t that contain the scatter between objects."
             yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
-
-
-def values(case: Summary) -> tuple[Block, ...]:
-    """Return the numbers that follow the formula of a law: its coefficients, by object, with intervals."""
-    if not len(frame := case.parameters):
-        return ()
-    data = case.law.params.dropna(axis=1, how="all")
-    table = Table("values", f"{parameters_caption(case.law)}.", frame, data=data)
-    return (folded(table, "Coefficients by object"),)
 
 
 def candidates(case: Summary) -> Iterator[Block]:
@@ -421,8 +374,7 @@ def fit(case: Summary) -> Iterator[Block]:
         return
     yield Text(
         f"{said(case, case.score(fit))}. Initial conditions are estimated from all samples. R² is 1 for a perfect fit "
-        f"and 0 for the mean of each trial. Points: measurements. Lines: fit. Below: residuals, measured minus fitted."
-        f"{_legend(fit)}"
+        f"and 0 for the mean of each trial.{_legend(fit)}"
     )
     yield from curve_blocks(fit, "fit")
 
@@ -432,7 +384,9 @@ def forecasts(case: Summary) -> Iterator[Block]:
     if (forecast := case.findings.forecast) is None:
         yield Text(listed([said(case, failure) for failure in case.findings.failures]))
         return
-    yield Text(f"{said(case, case.score(forecast))}. Below: errors, forecast minus measured.{_legend(forecast)}")
+    yield Text(f"{said(case, case.score(forecast))}.{_legend(forecast)}")
+    if case.findings.fit is not None:  # Else on the first page
+        yield picture(forecast, "forecast")
     yield from curve_blocks(forecast, "forecast")
 
 
@@ -443,24 +397,17 @@ def _legend(forecast: Forecast) -> str:
 
 
 def curve_blocks(forecast: Forecast, kind: str) -> Iterator[Block]:
-    """Yield figures of objects, tables of errors, and a figure of all errors; `kind` begins their names."""
+    """Yield figures of the other objects, tables of errors, and a figure of all; `kind` begins their names."""
     what, word = ("residual", "Residuals of the fit") if forecast.is_fit else ("error", "Errors of the forecasts")
-    rms = squared_errors(forecast).groupby(level=0).mean().pow(0.5).T
     ranked, shown = [str(name) for name in relative_errors(forecast).index], representative(forecast)
-
-    def ends(names: Sequence[str]) -> str:
-        first_and_last = dict.fromkeys((names[0], names[-1]))
-        texts = (f"**{literal(name)}** {literal(in_states(rms[name], forecast))}" for name in first_and_last)
-        return f"RMS {what}: {' to '.join(texts)}.".replace(r"\.", ".")
-
-    omitted = f"{text}. " if (text := omission(forecast, shown)) else ""
-    yield Picture(f"{kind}-objects", f"{omitted}{ends(ranked)}", partial(plot_forecast, forecast))
     if others := [name for name in ranked if name not in shown]:
         # Of very many objects few lines of each
         few = len(others) <= MANY
         draw, size = (partial(plot_forecast, forecast), len(shown)) if few else (ForecastPanels(forecast).overview, 36)
         parts = [others[i : i + size] for i in range(0, len(others), size)]
-        pictures = tuple(Picture(f"{kind}-{i + 1}", ends(part), partial(draw, part)) for i, part in enumerate(parts))
+        pictures = tuple(
+            Picture(f"{kind}-{i + 1}", ends(forecast, part), partial(draw, part)) for i, part in enumerate(parts)
+        )
         yield Fold(f"The other {counted(len(others), 'object')}", pictures if few else (Gallery(pictures),))
     yield Table(f"{kind}-by-state", f"{word} by state.", _by_state(forecast, what).dropna(axis=1, how="all"), 3)
     errors, units = forecast.errors(), forecast.trials.schema.units
@@ -551,19 +498,17 @@ def law_report(
     everything
         Results of all objects of a stream, if the findings are about a few of them.
     title, about
-        The title, "A law of" the states by default; and a line below it, such as file, date and checksum.
+        The title, by default what textbooks call the law, or "A law of" the states; and a line below it, such as file,
+        date and checksum.
     """
     check_packages()
-    case, law = Summary(findings, everything, rivals=tuple(rivals), words=words), findings.law
-    first, *others = map(literal, findings.sentences)
-    above = f"{literal(about)}\n\n" if about else ""
-    summary = f"{above}**{first}**{law_markdown(law)}{in_short(case)}"
-    title = title or f"A law of {', '.join(law.schema.states)}"
+    case = Summary(findings, everything, rivals=tuple(rivals), words=words)
     sections = list[Section]()
     for heading, part in (_PARTS if everything is None else {"All objects": all_objects, **_PARTS}).items():
         progress(heading.lower())
         sections.append(Section(part.__name__.replace("_", "-"), heading, tuple(part(case))))
-    return Report(title, summary, (*sections, again(case, command, table)), (*values(case), Text(listed(others))))
+    sections.append(again(case, command, table))
+    return Report(title or front.title(case), front.summary(case, about), tuple(sections), tuple(front.blocks(case)))
 
 
 def all_objects(case: Summary) -> Iterator[Block]:
