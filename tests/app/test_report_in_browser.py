@@ -16,10 +16,12 @@ from selenium.webdriver import Chrome
 import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.plots import Figure, plot_trials, render
-from commonlaw.report import Picture, Table, Text, law_report, to_page
+from commonlaw.report import Picture, Table, Text, law_report, printing, to_page
 from commonlaw.report.document import within
+from commonlaw.report.page import Page
 from commonlaw.verdict import find
 from studies.falling_balls.report import KINDS, Report, Section, Verdict, write_report
+from tests.refusals import refused
 
 CheckPage = Callable[[Path], None]
 
@@ -86,7 +88,28 @@ def test_a_report_of_three_objects_prints_on_at_most_six_pages_the_first_of_whic
     assert [block.name for block in report.named_blocks()][:2] == ["fit-objects", "values"]
     assert report.title.endswith("of 3 objects")
     browser.get(page.as_uri())
-    assert 3 <= len(re.findall(rb"/Type */Page\b", b64decode(browser.print_page()))) <= 6
+    assert 3 <= _pages(b64decode(browser.print_page())) <= 6
+
+
+def _pages(pdf: bytes) -> int:
+    return len(re.findall(rb"/Type */Page\b", pdf))
+
+
+@pytest.mark.usefixtures("browser")
+def test_a_report_is_printed_from_python(tmp_path: Path) -> None:
+    drop = datasets.linear_drag(drag=(-0.1,), trials=1, noise=0.02)
+    cl.fit("x'' = -g - c v", drop, errors="white").report(drop).save(tmp_path / "page.pdf")
+    assert _pages((tmp_path / "page.pdf").read_bytes()) in range(2, 8)
+
+
+def test_without_a_browser_a_report_is_not_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(printing, "which", lambda _: None)
+    with refused("report-without-browser"):
+        Page("<p>law").save(tmp_path / "report.pdf")
+    monkeypatch.setattr(printing, "which", lambda _: "/bin/false")
+    with refused("report-not-printed"):
+        Page("<p>law").save(tmp_path / "report.pdf")
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.slow

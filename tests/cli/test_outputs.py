@@ -1,9 +1,12 @@
 """What commands print and write."""
 
+import re
+
 import pytest
 
 import commonlaw as cl
 from commonlaw.cli.output import print_columns
+from commonlaw.report import printing
 from commonlaw.runtime import files
 
 
@@ -31,6 +34,24 @@ def test_a_table_that_is_wider_than_the_terminal_has_a_row_for_each_column_and_n
     assert len(narrow.splitlines()) == 22
     print_columns({f"number {j}": [f"{j}{'x' * 17}"] for j in range(8)})  # Whose cells alone would be narrow enough
     assert f"7{'x' * 17}" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("browser")
+def test_a_file_called_report_pdf_is_a_printed_report_and_others_are_figures(run, tmp_path):
+    cl.datasets.linear_drag(drag=-0.3, trials=1, noise=0.05).to_csv(tmp_path / "drops.csv")
+    words = ("fit", "drops.csv", "x'' = -g - c v", "--save", "my-report.pdf", "--save", "law.pdf")
+    code, out, _ = run(*words)
+    assert (code, out.splitlines()[-2:]) == (0, ["Wrote my-report.pdf", "Wrote law.pdf"])
+    pages = [
+        len(re.findall(rb"/Type */Page\b", (tmp_path / f"{name}.pdf").read_bytes())) for name in ("my-report", "law")
+    ]
+    assert pages[0] in range(2, 8)
+    assert pages[1] == 1
+
+
+def test_a_report_is_not_printed_without_a_browser(fails, monkeypatch):
+    monkeypatch.setattr(printing, "which", lambda _: None)
+    assert "report-without-browser" in fails("discover", "absent.csv", "--save", "report.pdf")
 
 
 @pytest.mark.slow

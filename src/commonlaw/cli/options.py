@@ -255,7 +255,7 @@ class ReadTable(ReadFile):
 ENDINGS = {
     "law": (".json", ".parquet"),
     "figure": (".png", ".svg", ".pdf"),
-    "report": (".html",),
+    "report": (".html", "report.pdf"),
     "table": (".csv", ".parquet"),
     "schema": (".toml",),
     "program": (".c", ".py", ".m", ".mo", ".xml", ".sbml", ".xlsx"),
@@ -290,9 +290,11 @@ class WrittenFile(_File):
 
             figure_format(path)  # Refuses an environment that cannot draw, too
         if is_of_kind(path, "report"):
-            from commonlaw.report import check_packages
+            from commonlaw.report import browser, check_packages
 
             check_packages()
+            if path.lower().endswith(".pdf"):
+                browser()
 
 
 def saving(required: bool = False, default: tuple[str, ...] | None = None, **content: str) -> Decorator:

@@ -263,12 +263,14 @@ class Artifacts:
                 from commonlaw.law.export import exported
 
                 return exported(law, path)
+            if report is not None and is_of_kind(path, "report"):
+                from commonlaw.report import printed
+
+                return printed(report()) if path.lower().endswith(".pdf") else report()
             if figure is not None and is_of_kind(path, "figure"):
                 from commonlaw import plots
 
                 return plots.render(figure(plots), path)
-            if report is not None and is_of_kind(path, "report"):
-                return report()
             assert table is not None
             frame, file = table(), BytesIO()
             write = frame.to_csv if path.lower().endswith(".csv") else frame.to_parquet

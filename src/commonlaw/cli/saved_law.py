@@ -135,7 +135,8 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
     measurements and forecasts, coefficients, plausible alternatives, the discrepancy, the range of the training data,
     data checks, every choice of the search, and code to repeat it. --hold-out and --learn-until name data that were not
     used for training. For a folder of Parquet files, or a pattern in quotes, all trials are forecast (with --cluster by
-    its workers), and the page shows representative objects. `discover --save report.html` discovers a law first.
+    its workers), and the page shows representative objects. An installed browser prints what is called report.pdf.
+    `discover --save report.html` discovers a law first.
 
     \b
     Examples:

@@ -11,6 +11,10 @@ from .document import (
     to_page as to_page,
 )
 from .notebook import notebook_html as notebook_html
+from .printing import (
+    browser as browser,
+    printed as printed,
+)
 from .sections import (
     law_page as law_page,
     law_report as law_report,

@@ -4,6 +4,7 @@ import os
 from dataclasses import dataclass
 from html import escape
 
+from commonlaw.report.printing import printed
 from commonlaw.runtime.files import write_whole
 
 
@@ -20,11 +21,12 @@ class Page:
     html: str
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the page, completely or not at all.
+        """Save the page, completely or not at all; with the ending ``.pdf`` printed by an installed browser.
 
-        Raises `CommonlawError` if the file cannot be written or must not be overwritten.
+        Raises `CommonlawError` if the file cannot be written or must not be overwritten, or no browser prints it.
         """
-        write_whole(path, self.html.encode())
+        page = self.html.encode()
+        write_whole(path, printed(page) if os.fspath(path).lower().endswith(".pdf") else page)
 
     def __repr__(self) -> str:
         return f"<Page of {len(self.html) / 1e6:.1f} MB: save(path), then open it in a browser>"
