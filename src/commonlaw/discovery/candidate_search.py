@@ -362,7 +362,7 @@ class CandidateSearch:
         """Return the best law under the chosen interpolation of inputs.
 
         `plain` is the result of a search among plain terms, if it was done before. With `richer`, offered terms are
-        added: all offers, or the first `most`.
+        added: all offers, or the first `most`, in place of the misfit of the plain law.
         """
 
         def begin(trials: Trials, progress: ProgressCallback) -> Pool:
@@ -373,7 +373,8 @@ class CandidateSearch:
             driven, offers = self._offers(screened)
             offers = offers[:most]
             if any(offer.count for offer in offers):
-                pool = with_parametric_terms(pool, offers, part(progress, 0.2, 1.0))
+                in_place = most is not None
+                pool = with_parametric_terms(pool, offers, part(progress, 0.2, 1.0), in_place_of_errors=in_place)
             return with_forcing_step(pool, driven) if driven else pool
 
         options = self.options

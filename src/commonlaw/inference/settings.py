@@ -15,6 +15,8 @@ MAX_ITERATIONS = 30
 """Newton, Gauss-Newton or Levenberg-Marquardt steps of a minimization."""
 MAX_SWEEPS = 4
 """Rounds of alternating choices, or Gauss-Newton steps, before the final fit."""
+PROMISING = 0.25
+"""Share of what the model error of a law explains, below which richer terms are not sought any further in its place."""
 
 # Comparisons of fits, in twice the log-likelihood
 SAME_DEVIANCE = 0.01

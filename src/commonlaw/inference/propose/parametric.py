@@ -38,19 +38,23 @@ Rows = tuple[CandidateSupport, ...]
 """The terms of a law, equation by equation."""
 
 
-def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: ProgressCallback) -> Pool:
+def with_parametric_terms(
+    pool: Pool, offers: Sequence[Offer], progress: ProgressCallback, *, in_place_of_errors: bool = False
+) -> Pool:
     """Return a pool with laws that contain offered terms, and the best law among plain terms.
 
     Offers are tried until one improves a law that is not `may_be_simpler`; their multiplicity includes that of the
-    earlier ones.
+    earlier ones. With `in_place_of_errors` the search ends after the first proposals if these explain far less than
+    the model error of the plain law does, see `_ParametricSearch.is_in_vain`.
     """
     best = pool.best
     base = replace(best.problem, excluded_terms=len(best.problem.terms))  # The terms of a law are not yet among them
-    search = _ParametricSearch(best, pool.explored, base.under_white_noise if base.errors.of_law else base, progress)
+    base = base.under_white_noise if base.errors.of_law else base
+    search = _ParametricSearch(best, pool.explored, base, progress, in_place_of_errors)
     for i, offer in enumerate(offers):
         if not offer.count:
             continue
-        if search.best is not pool.best and not may_be_simpler(search.best, 2):
+        if search.is_in_vain or (search.best is not pool.best and not may_be_simpler(search.best, 2)):
             break
         # The first is tried in any equation; others where one of their terms alone, or a ratio, has fewer numbers
         numbers = [term.size + len(term.shared_parameters) for term in offer.terms]
@@ -109,13 +113,16 @@ class _ParametricSearch:
     """The search among laws with offered terms: the best law so far, its terms `rows`, and all fits by their terms.
 
     It starts from the best law among `plain` terms, and all fits explored in its search; `base` is the problem with
-    these terms alone. `near` are quick fits along the current states, and of the fitted laws.
+    these terms alone. `near` are quick fits along the current states, and of the fitted laws. If it `is_in_vain`,
+    laws `in_place_of_errors` explain less than `PROMISING` of what the model error of the plain law does.
     """
 
     plain: Fit
     explored: Sequence[Fit]
     base: SearchProblem
     progress: ProgressCallback
+    in_place_of_errors: bool = False
+    is_in_vain: bool = False
     fitted: dict[Rows, Fit] = field(default_factory=dict)
     near: dict[Rows, list[Estimate]] = field(default_factory=dict)
 
@@ -165,7 +172,7 @@ class _ParametricSearch:
         if self.plain.has_model_error or any(row.others for row in self.rows):
             first = self.fit(self.rows, curves[0])
             self.best = first if first.is_usable else self.plain
-        equations, later = len(self.rows), list(curves)
+        equations, later, without = len(self.rows), list(curves), self.best.score.total
         for sweep in range(settings.MAX_SWEEPS):
             before, begun, most = self.best, self.rows, self._max_parameters
             near, *later = later
@@ -190,7 +197,9 @@ class _ParametricSearch:
                 later = [_without_processes(self.best, self.best.estimates), *later]
                 self.rows = self._rows_from_best()
                 self.near = {rows: estimates for rows, estimates in self.near.items() if rows in self.fitted}
-            if not later:
+            by_errors, by_terms = without - self.plain.score.total, without - self.best.score.total
+            self.is_in_vain = self.in_place_of_errors and by_terms < settings.PROMISING * by_errors
+            if self.is_in_vain or not later:
                 break
         eliminated_from, last = None, part(self.progress, 1.0, 1.0)
         while self.best is not eliminated_from and self.best is not self.plain:  # Backward elimination
