@@ -103,10 +103,10 @@ def test_a_report_is_printed_from_python(tmp_path: Path) -> None:
 
 
 def test_without_a_browser_a_report_is_not_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(printing, "which", lambda _: None)
+    monkeypatch.setattr(printing, "_BROWSERS", ())
     with refused("report-without-browser"):
         Page("<p>law").save(tmp_path / "report.pdf")
-    monkeypatch.setattr(printing, "which", lambda _: "/bin/false")
+    monkeypatch.setattr(printing, "_BROWSERS", ("/bin/false",))
     with refused("report-not-printed"):
         Page("<p>law").save(tmp_path / "report.pdf")
     assert not [*tmp_path.iterdir()]

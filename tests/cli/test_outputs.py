@@ -50,7 +50,7 @@ def test_a_file_called_report_pdf_is_a_printed_report_and_others_are_figures(run
 
 
 def test_a_report_is_not_printed_without_a_browser(fails, monkeypatch):
-    monkeypatch.setattr(printing, "which", lambda _: None)
+    monkeypatch.setattr(printing, "_BROWSERS", ())
     assert "report-without-browser" in fails("discover", "absent.csv", "--save", "report.pdf")
 
 

@@ -246,7 +246,7 @@ def test_under_a_limit_that_is_over_when_objects_are_left_out_the_law_is_that_of
         seconds[0] = 40.0
         return without(search, candidate)
 
-    monkeypatch.setattr(estimator, "limit_of", lambda _: TimeLimit(60, clock=lambda: seconds[0]))
+    monkeypatch.setattr(estimator, "limit_of", lambda *_: TimeLimit(60, clock=lambda: seconds[0]))
     monkeypatch.setattr(CandidateSearch, "without_strange_of", late)
     limited = cl.discover(trials, order=1, library="poly:2", cache=False)
     assert limited.provenance.is_stopped

@@ -19,7 +19,14 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, from_json, to_json
 from commonlaw.runtime.checkpoint import with_checkpoint
 from commonlaw.runtime.digest import NotHashableError, digest
-from commonlaw.runtime.files import make_folder, mark_as_used, read_file, remove_longest_unused, write_whole
+from commonlaw.runtime.files import (
+    make_folder,
+    mark_as_used,
+    read_file,
+    remove_file,
+    remove_longest_unused,
+    write_whole,
+)
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
 
@@ -61,7 +68,7 @@ def cached_law(
             _write(of_steps, msgpack.encode(steps))
         else:
             _write(path, to_json(law).encode())
-            of_steps.unlink(missing_ok=True)
+            remove_file(of_steps)
     return law
 
 

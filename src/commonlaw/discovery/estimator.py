@@ -47,7 +47,7 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call, is_same, recorded_arguments
 from commonlaw.library import AbstractLibrary, CappedLibrary, Order, one_order, order_of_each, parse_library
 from commonlaw.library.libraries import LibraryGiven
-from commonlaw.runtime.arguments import check_types
+from commonlaw.runtime.arguments import check_type, check_types
 from commonlaw.runtime.checkpoint import is_replay
 from commonlaw.runtime.digest import digest
 from commonlaw.runtime.fit_options import changed_settings
@@ -171,7 +171,7 @@ class LawDiscovery:
         values = {name: getattr(self, name) for name in _PARAMETERS if name not in _CHANGING_NOTHING}
         return {name: None if isinstance(value, Sized) and not len(value) else value for name, value in values.items()}
 
-    def check_resumable(self, law: Law, trials: Trials | TrialStream) -> None:
+    def _check_resumable(self, law: Law, trials: Trials | TrialStream) -> None:
         """Check that the search with these parameters that was stopped with a law can go on.
 
         Raises `CommonlawError` if it had other trials, or the cache has neither its steps nor the complete law.
@@ -571,9 +571,10 @@ def discover(
         order, library, method, known, shared, latent_states, observe, progress, cache, client, time_limit
     )
     if resume is not None:
+        check_type("resume", resume, Law, "a law, as of `cl.discover`")
         trials = measured(trials)
         estimator.set_params(**_arguments_of_search(resume, estimator.get_params(deep=False)))
-        estimator.check_resumable(resume, trials)
+        estimator._check_resumable(resume, trials)
     return estimator.fit(trials, x_dot).law_
 
 

@@ -239,8 +239,8 @@ def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -
 def recorded_arguments(text: str) -> dict[str, Any]:
     """Return the values of the keywords of a recorded call; none if it may not stand in a program.
 
-    >>> recorded_arguments("cl.discover(trials, order=2, method=cl.TrajectoryLikelihood(noise=0.1))")["method"].noise
-    0.1
+    >>> recorded_arguments("cl.discover(trials, order=2, method=cl.TrajectoryLikelihood(seed=3))")["method"].seed
+    3
     """
     tree = ast.parse(rewritten(text) or "cl.discover()", mode="eval").body
     return {str(keyword.arg): _value(keyword.value) for keyword in getattr(tree, "keywords", ())}
